@@ -16,7 +16,6 @@ import numpy as np
 from PIL import Image
 
 from spinor_geom.bench.cases import known_kind
-from spinor_geom.bench.frames import FRAME_METHODS
 from spinor_geom.bench.machine import Record, is_older
 from spinor_geom.bench.measured import DISTANCE
 from spinor_geom.bench.promises import LEAST_POINTS, Promise, promises
@@ -142,7 +141,6 @@ def page_tables(records: Sequence[Record]) -> list[Table]:
         Table(title="Promises missed", columns=("suite", "case", "promise", "measured"), rows=rows),
         disk_table([r for r in records if r["suite"] == "disks"]),
         filler_table([r for r in records if r["suite"] == "cut-outs"]),
-        frame_table([r for r in records if r["suite"] == "cad"]),
     ]
 
 
@@ -187,27 +185,6 @@ def disk_table(disks: Sequence[Record]) -> Table:
         rows=rows,
         note="Columns of our surface: points at the formula's steps / equally far apart / at edges of random lengths. "
         "Columns of meshes, with points at the formula's steps: ours / that of libigl-uniform.",
-    )
-
-
-def frame_table(frames: Sequence[Record]) -> Table:
-    """Shells over frames of CAD edges: ours beside Open CASCADE's own filling."""
-    fields = ("area_error", "rim_distance", "faces", "file_kib", "cpu_seconds")
-    rows = [
-        (
-            case,
-            *(
-                _numbers([r for m in FRAME_METHODS for r in frames if (r["case"], r["method"]) == (case, m)], name)
-                for name in fields
-            ),
-        )
-        for case in dict.fromkeys(r["case"] for r in frames)
-    ]
-    return Table(
-        title="Frames of CAD edges",
-        columns=("case", *(name.replace("_", " ") for name in fields)),
-        rows=rows,
-        note=f"{' / '.join(FRAME_METHODS)}, after a round trip through a STEP file.",
     )
 
 

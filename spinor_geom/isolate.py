@@ -63,14 +63,7 @@ class Process:
         self._process: subprocess.Popen[str] | None = None
         self._in_use, self._closed = threading.Lock(), False
 
-    def run(
-        self,
-        job: Mapping[str, Any],
-        on_event: Send,
-        *,
-        seconds: float,
-        memory: float = math.inf,
-    ) -> str:
+    def run(self, job: Mapping[str, Any], on_event: Send, *, seconds: float, memory: float = math.inf) -> str:
         """Runs a job and returns the end of its standard output and error.
 
         Args:

@@ -348,12 +348,7 @@ def read_mesh(path: str | os.PathLike[str]) -> MeshFile:
         except OSError as error:
             problem = f"cannot be read ({error.strerror or error})"
             raise malformed("", problem, "check the name and the access rights") from error
-        return mesh_of_bytes(data, suffix, path=source)
-
-
-def mesh_of_bytes(data: bytes, suffix: str, *, path: Path | None = None) -> MeshFile:
-    """The file that `read_mesh` returns for these bytes; errors do not name the file."""
-    return mesh_of_contents(contents_of_bytes(data, suffix), suffix, path=path)
+        return mesh_of_contents(contents_of_bytes(data, suffix), suffix, path=source)
 
 
 def mesh_of_contents(contents: FileContents, suffix: str, *, path: Path | None = None) -> MeshFile:

@@ -24,7 +24,7 @@ CORNERS = Property("vertex_indices", np.dtype("i4"), np.dtype("u4"))
 def read_off(data: bytes) -> FileContents:
     """The vertices, with colours, normals and texture coordinates, and the faces of an OFF file.
 
-    Each vertex and each face has a line; colours of faces are kept in the file but not read. Files without colours,
+    Each vertex and each face has a line. Colours of faces are kept in the file but not read. Files without colours,
     normals and texture coordinates may have other line breaks; such files are rewritten with standard line breaks.
     """
     if b"\0" in data:

@@ -22,10 +22,14 @@ Rim: TypeAlias = BoundaryLoop | ClosedCurve
 def to_rims(what: Any, loop: int | None = None) -> list[Rim]:
     """The closed curves that an argument describes.
 
-    It is a loop, an analytic curve, (m, 3) points of a closed curve, or a sequence of these; a mesh of any supported
-    type or the path of a mesh file, of which one loop is used; or shapes of a CAD library or the path of a CAD file, of
-    which all wires are used, or one free boundary of faces. `loop` is the index in `boundary_loops(mesh)`, or of the
-    curve of CAD edges, the longest first; None if a mesh or CAD faces have only one.
+    The argument is one of these:
+
+    - a loop, an analytic curve, (m, 3) points of a closed curve, or a sequence of these,
+    - a mesh of any supported type or the path of a mesh file: one of its loops,
+    - shapes of a CAD library or the path of a CAD file: all wires, or one free boundary of faces.
+
+    `loop` is the index in `boundary_loops(mesh)`, or of the curve of CAD edges, the longest first. It may be None if a
+    mesh or CAD faces have only one.
 
     Raises an OptionError if `loop` is missing for several loops or given for a curve, a LoopIndexError if there is no
     such loop, and the errors of `BoundaryLoop.from_points`, `closed_curves`, `boundary_loops` and `read_shape`.

@@ -290,11 +290,7 @@ def encode_3mf(contents: FileContents) -> bytes:
 
 
 def _appended(
-    data: bytes,
-    vertices: Float[np.ndarray, "v 3"],
-    instances: Sequence[_Instance],
-    unit: str,
-    extension: MeshExtension,
+    data: bytes, vertices: Float[np.ndarray, "v 3"], instances: Sequence[_Instance], unit: str, extension: MeshExtension
 ) -> bytes:
     """A new file of the meshes at their positions, each with its patches.
 

@@ -29,8 +29,8 @@ def as_float64(values: np.ndarray) -> np.ndarray:
 def append_attributes(arrays: Mapping[str, Any], extension: MeshExtension, *, vertices: int) -> dict[str, np.ndarray]:
     """Arrays (V, ...) of a mesh of `vertices` vertices, each followed by values at new vertices in its own dtype.
 
-    These are the extension's attributes; for arrays that `triangles_of` leaves out, zeros or empty entries. Raises as
-    `Adapter.extend`; an extension without new vertices needs no attributes.
+    The new values are the extension's attributes. Arrays that `triangles_of` leaves out get zeros or empty entries. An
+    extension without new vertices needs no attributes. Raises as `Adapter.extend`.
     """
     count = len(extension.vertices)
     require_existing_vertices(extension.faces, vertices=vertices + count)

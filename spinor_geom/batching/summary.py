@@ -30,17 +30,9 @@ svg { border: 1px solid var(--faint); background: #fff }"""
 NO_RESULTS = "has no results: they could not be written, or were removed; resume the batch"
 COLUMNS = (
     *("source", "loop", "name", "origin", "kind", "status", "reason", "notes", "vertices", "perimeter", "elongation"),
-    *(
-        "corners",
-        "residual_rms_per_edge",
-        "residual_max_per_edge",
-        "area",
-        "mesh_area",
-        "stability",
-        "stability_index",
-        "route",
-    ),
-    *("vertices_added", "faces_added", "self_intersections", "mesh_intersections", "patch_intersections"),
+    *("corners", "residual_rms_per_edge", "residual_max_per_edge", "area", "mesh_area", "stability"),
+    *("stability_index", "route", "vertices_added", "faces_added"),
+    *("self_intersections", "mesh_intersections", "patch_intersections"),
     *("hausdorff_max", "hausdorff_mean", "patch", "surface", "curve", "filled", "seconds", "version"),
 )
 TABLE, PAGE = "loops.csv", "summary.html"

@@ -11,13 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from spinor_geom.adapters.contents import FileContents
-from spinor_geom.adapters.mesh_files import (
-    MeshFile,
-    contents_of_bytes,
-    encoded,
-    known_suffix,
-    mesh_of_contents,
-)
+from spinor_geom.adapters.mesh_files import MeshFile, contents_of_bytes, encoded, known_suffix, mesh_of_contents
 from spinor_geom.adapters.polygon_faces import Polygons
 from spinor_geom.batching.inputs import Source
 from spinor_geom.batching.settings import BatchOptions

@@ -33,6 +33,10 @@ _MOST_LISTED = 20  # loops; of more only those with warnings are listed on stand
 BEND, CROSSINGS, MESH_AREA = "bend", "crossings", "mesh area"
 
 
+# options that `fill_hole` has under the same names
+_SAME = ("bridge", "islands", "keep_largest", "max_perimeter", "tolerance", "time_limit")
+
+
 def run(arguments: argparse.Namespace) -> ExitStatus:
     """Fills the holes and writes all outputs or none; raises an error before solving if one cannot be written."""
     if arguments.picture is not None:
@@ -57,14 +61,9 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
         filled, result = fill_hole(
             mesh,
             loop,
-            bridge=arguments.bridge,
-            islands=arguments.islands,
+            **{name: getattr(arguments, name) for name in _SAME},
             continuity=continuity,
-            keep_largest=arguments.keep_largest,
-            max_perimeter=arguments.max_perimeter,
             target_edge_length=edge_length,
-            tolerance=arguments.tolerance,
-            time_limit=arguments.time_limit,
             return_report=True,
             on_loop=lambda _, requested: bar(next(done), requested),
             on_stage=lambda place, stage: bar.stage(f"loop {place}: {stage}"),

@@ -426,11 +426,7 @@ def _add_pictures(commands: _Commands) -> None:
     )
     for parser in (view, render):
         add = parser.add_argument
-        add(
-            "input",
-            **_path("IN"),
-            help=f"mesh file ({_FORMATS}), CAD file, or saved surface (.safetensors)",
-        )
+        add("input", **_path("IN"), help=f"mesh file ({_FORMATS}), CAD file, or saved surface (.safetensors)")
         _add_merge(add)
         add("--curvature", **_FLAG, help="colour by Gauss curvature (surface) or absolute mean curvature (mesh)")
         upwards = "vertical axis (default: z for STL, 3MF, CAD files and saved surfaces, y for other mesh files)"

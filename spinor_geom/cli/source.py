@@ -12,10 +12,7 @@ def read_surface(path: Path, *, merge: bool | float) -> MeshFile:
     """Reads a mesh file, which must have faces, and merges its vertices as `fill_hole` does."""
     mesh = read_mesh(path)
     if not len(mesh.mesh.faces):
-        raise MeshFileError(
-            f"{path}: has no faces; span the curves of an OBJ file with 'spinor-geom batch'",
-            path=path,
-        )
+        raise MeshFileError(f"{path}: has no faces; span the curves of an OBJ file with 'spinor-geom batch'", path=path)
     found: MeshFile = merged(mesh, merge)
     return found
 

@@ -21,13 +21,7 @@ from spinor_geom.deadline import is_out_of_time
 from spinor_geom.domain.delaunay import rim_successors, unique_edges
 from spinor_geom.errors import OutOfTimeError
 from spinor_geom.fill.collar import Collar
-from spinor_geom.mesh.operators import (
-    Bending,
-    crossing_angles,
-    factor_symmetric,
-    internal_angles,
-    mollified_laplacian,
-)
+from spinor_geom.mesh.operators import Bending, crossing_angles, factor_symmetric, internal_angles, mollified_laplacian
 from spinor_geom.mesh.topology import HalfEdges
 from spinor_geom.meshing.embed import Patch
 

@@ -115,8 +115,8 @@ def fill_hole(
             of smooth continuations then grow inwards.
         model: the holomorphic model, as `solve_plateau` takes it.
         tolerance: root mean square distance between a patch's boundary and the curve through its loop, in mean edges of
-            the loop. A patch that exceeds it is kept and reported as not converged, and so is one whose distance in a
-            part of the loop exceeds 100 times the tolerance, in edges there.
+            the loop. A patch that exceeds it is kept and reported as not converged. The same applies if the distance in
+            any part of the loop exceeds 100 × tolerance × that part's mean edge.
         time_limit: seconds for each loop in all. Its exact surface gets half, and so does a continuation, which comes
             first. A loop may exceed it by up to a second, to be closed and checked for intersections. A stage that
             reaches the limit keeps its best result: a mesh with larger triangles, a discrete surface or the film.

@@ -46,9 +46,7 @@ class Filling:
         self._options, self._names_loops = options, choice.names_loops
         chosen_indices(options.named_loops, self.loops)  # raises
         indices = chosen_indices(choice.loop if choice.bridge is None else choice.bridge, self.loops)
-        reasons = reasons_to_leave_open(
-            self.loops, indices, keep_largest=choice.keep_largest, max_perimeter=choice.max_perimeter
-        )
+        reasons = reasons_to_leave_open(self.loops, indices, choice)
         if isinstance(choice.loop, BoundaryLoop):
             own, given = self.loops[indices[0]], choice.loop
             self.loops[indices[0]] = replace(

@@ -9,6 +9,7 @@ import numpy as np
 
 from spinor_geom.adapters import to_mesh
 from spinor_geom.errors import ForeignLoopError, LoopIndexError, OptionError
+from spinor_geom.fill.fill_options import Choice
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.find_loops import find_boundary_loops
 from spinor_geom.mesh.triangle_mesh import require_faces
@@ -83,18 +84,16 @@ def chosen_indices(choice: LoopChoice, loops: Sequence[BoundaryLoop]) -> list[in
     return indices
 
 
-def reasons_to_leave_open(
-    loops: Sequence[BoundaryLoop], indices: Sequence[int], *, keep_largest: bool, max_perimeter: float | None
-) -> dict[int, str]:
-    """The reasons why options exclude loops, by index; `indices` are the chosen loops."""
+def reasons_to_leave_open(loops: Sequence[BoundaryLoop], indices: Sequence[int], choice: Choice) -> dict[int, str]:
+    """The reasons why options exclude loops, by index; `indices` are the loops that they name."""
     reasons: dict[int, str] = {}
     chosen = set(indices)
     for index, loop in enumerate(loops):
         if index not in chosen:
             reasons[index] = "not requested"
-        elif keep_largest and index == 0:
+        elif choice.keep_largest and index == 0:
             reasons[index] = "not requested: keep_largest leaves the longest loop open"
-        elif max_perimeter is not None and loop.perimeter > max_perimeter:
-            over = f"its perimeter {loop.perimeter:.6g} is over max_perimeter {max_perimeter:.6g}"
+        elif choice.max_perimeter is not None and loop.perimeter > choice.max_perimeter:
+            over = f"its perimeter {loop.perimeter:.6g} is over max_perimeter {choice.max_perimeter:.6g}"
             reasons[index] = f"not requested: {over}"
     return reasons

@@ -33,7 +33,7 @@ class Avoidable(NamedTuple):
 class RimCrossings:
     """The faces of the mesh and of other patches through which edges of a rim pass.
 
-    Whichever face of a patch has such an edge, it intersects that face.
+    Any patch face with this edge intersects them.
     """
 
     def __init__(self, patched: PatchedMesh, new: NewPatch) -> None:

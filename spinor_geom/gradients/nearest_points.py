@@ -10,6 +10,7 @@ from spinor_geom.arrays import EPS, TINY, norm
 from spinor_geom.errors import OptionError, SurfaceError
 from spinor_geom.meshing.embed import mesh_surface
 from spinor_geom.plateau.solution import PlateauSolution
+from spinor_geom.surface.formulas import conformal_factor, phi, phi_derivative
 
 # Nearest samples from which Newton's method starts. From one, 1 of 889 places near six surfaces ends in a minimum that
 # is not the least, from two none.
@@ -68,12 +69,10 @@ def _minima(
     for _ in range(_STEPS):
         here = z[left]
         (p, q), (p1, q1) = surface.spinors(here).T, surface.spinor_derivatives(here).T
-        phi = np.stack([p**2 - q**2, -1j * (p**2 + q**2), 2 * p * q], axis=1)
-        phi1 = np.stack([2 * (p * p1 - q * q1), -2j * (p * p1 + q * q1), 2 * (p * q1 + q * p1)], axis=1)
         # r_x = Re φ and r_y = −Im φ are orthogonal and of length λ
-        scale = np.maximum(np.abs(p) ** 2 + np.abs(q) ** 2, TINY**0.25)
-        slope = np.conj((offset[left] * phi).sum(axis=1))
-        bend = (offset[left] * phi1).sum(axis=1)
+        scale = np.maximum(conformal_factor(p, q), TINY**0.25)
+        slope = np.conj((offset[left] * phi(p, q)).sum(axis=1))
+        bend = (offset[left] * phi_derivative(p, q, p1, q1)).sum(axis=1)
         last, tangential[left] = tangential[left], np.abs(slope) / scale
         # near a minimum a step divides it by more, up to rounding
         going = (tangential[left] > _PRECISE * size) | (tangential[left] < last / 2)

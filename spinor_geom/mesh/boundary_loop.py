@@ -217,10 +217,7 @@ def centroids(points: Float[np.ndarray, "*b m 3"]) -> Float[np.ndarray, "*b 3"]:
 def _point_weights(points: Float[np.ndarray, "*b m 3"]) -> Float[np.ndarray, "*b m"]:
     """Half the length of the two edges at each point of a closed polygon over the perimeter."""
     lengths = edge_lengths(points)
-    both, perimeter = (
-        lengths + shifted(lengths, 1),
-        lengths.sum(axis=-1, keepdims=True),
-    )
+    both, perimeter = (lengths + shifted(lengths, 1), lengths.sum(axis=-1, keepdims=True))
     even = np.full_like(both, 1 / both.shape[-1])
     return np.asarray(np.divide(both, 2 * perimeter, out=even, where=perimeter > 0))
 
@@ -232,10 +229,10 @@ def detect_corners(points: Float[np.ndarray, "m 3"]) -> Bool[np.ndarray, " m"]:
     two points after it: corners of a smooth curve are isolated, but large turns of a noisy rim are adjacent. If half of
     all points turn by more than 35°/4, the curve is not smooth and has no such corners.
 
-    An end of an edge longer than its `graded_spacing` is a corner if a smooth curve with the same turning angle would
-    deviate from the edge by more than about a quarter of that spacing, which the points do not resolve.
+    Let s be an edge's `graded_spacing`. The end of a longer edge is a corner if a smooth curve with that turning angle
+    would leave the edge by more than about s/4.
 
-    Polygons of fewer than 8 points have no corners; ends of an edge of length 0 are not corners.
+    Polygons of fewer than 8 points have no corners. Ends of an edge of length 0 are not corners.
     """
     if len(points) < MIN_LOOP_WITH_CORNERS:
         return np.zeros(len(points), dtype=bool)

@@ -1,7 +1,7 @@
 """Intersections of triangle meshes with themselves and each other, and of closed polygons.
 
-Two faces cross if an inner point of one belongs to the other. Faces that touch at corners or sides, by index or by
-position, do not cross; nor do faces without area.
+Two faces cross if the interior of one meets the other. Faces that only touch at corners or sides, by index or by
+position, do not cross. Faces without area do not cross either.
 """
 
 from collections.abc import Callable

@@ -203,8 +203,7 @@ def mesh_surface(surface: ArraySurface, *, vertices: int = 4000) -> Patch:
     area = surface.area()
     if not 0 < area < np.inf:
         raise SurfaceError(f"the surface has the area {area}: p or q has a pole in its domain, or both are 0")
-    # equilateral triangles, two per vertex
-    target = float(np.sqrt(2 * area / (3**0.5 * vertices)))
+    target = edge_length_of(area, vertices)
     rims = [_rim(surface, boundary, target) for boundary in (surface.domain.boundary, *surface.domain.holes)]
     plane = triangulate_piece(piece_of(surface, rims, target, area))
     positions = np.asarray(surface.position(plane.points))

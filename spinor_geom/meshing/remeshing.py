@@ -30,11 +30,7 @@ Faces = Int[np.ndarray, "f 3"]
 
 
 def remesh(
-    patch: Patch,
-    lengths: EdgeLengths,
-    taken: Int[np.ndarray, "e 2"],
-    *,
-    wanted: Float[np.ndarray, " n"] | None = None,
+    patch: Patch, lengths: EdgeLengths, taken: Int[np.ndarray, "e 2"], *, wanted: Float[np.ndarray, " n"] | None = None
 ) -> Patch:
     """A patch remeshed with edges of wanted lengths in space, graded towards those of the rims' edges.
 

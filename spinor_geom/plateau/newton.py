@@ -182,10 +182,7 @@ def conjugate_gradients(
 
 
 def factored(
-    matrix: Float[Array, "k k"],
-    metric: Float[Array, " k"],
-    gradient: Float[Array, "1 k"],
-    damping: Float[Array, "1"],
+    matrix: Float[Array, "k k"], metric: Float[Array, " k"], gradient: Float[Array, "1 k"], damping: Float[Array, "1"]
 ) -> tuple[Float[Array, "1 k"], Bool[Array, "1"]]:
     """`Energies.direction` of one surface by a Cholesky factor; damping increases until the matrix is definite."""
     tried, xp = damping, namespace(matrix)

@@ -92,10 +92,7 @@ def _region(problem: PlateauProblem, curves: Sequence[BoundaryCurve]) -> RouteRe
         rims_result = None
         if len(curves) > 1:
             rims_result = RimsResult(
-                order=order,
-                backward=backward,
-                antiperiodic=(False,) * (len(rims) - 1),
-                period=surface.largest_period(),
+                order=order, backward=backward, antiperiodic=(False,) * (len(rims) - 1), period=surface.largest_period()
             )
         return RouteResult(
             domain=domain,

@@ -46,10 +46,7 @@ class RimMatch:
             # the first pair stays the first, so that pairs at the loop's points remain
             t, s = (np.concatenate([-x[:1], 1 - x[:0:-1]]) for x in (t, s))
         return RimMatch(
-            loop=loop,
-            curve=curve.placed(loop.points, frame.size),
-            boundary=boundary,
-            matching=np.column_stack([t, s]),
+            loop=loop, curve=curve.placed(loop.points, frame.size), boundary=boundary, matching=np.column_stack([t, s])
         )
 
     def divided(self, longest: float) -> RimMatch:

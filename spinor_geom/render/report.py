@@ -50,11 +50,11 @@ def report(
 ) -> str:
     """A self-contained HTML page about a fill.
 
-    It shows an interactive view of the mesh with its patches, with switches for wireframe, grid lines and normals, and
-    for colours by |H|, by the distance to the discrete minimal surface and by Gauss curvature; for one selected loop at
-    a time, Ω with the poles of its network, the image of the Gauss map, and p, q, f and g in colours; and the figures
-    of the report. Lengths are in mesh units. Patches have the numbers of their loops. Very large meshes
-    are shown coarser far from the loops, and only the longest loops have details; the page then has a note.
+    An interactive view shows the mesh with its patches. It has switches for wireframe, grid lines and normals, and for
+    colours by |H|, by the distance to the discrete minimal surface and by Gauss curvature. For one selected loop at a
+    time the page shows Ω with the poles of its network, the image of the Gauss map, and p, q, f and g in colours. The
+    figures of the report follow. Lengths are in mesh units. Patches have the numbers of their loops. Very large meshes
+    are shown coarser far from the loops, and only the longest loops have details. The page says so.
 
     Args:
         result: from `fill_hole(..., return_report=True)`.

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from spinor_geom.errors import ForeignLoopError, LoopIndexError, OptionError, UnknownMeshTypeError
+from spinor_geom.fill.fill_options import Choice
 from spinor_geom.fill.loop_choice import boundary_loops, chosen_indices, free_rim, reasons_to_leave_open
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from tests.fill.shapes import tube
@@ -69,14 +70,14 @@ def test_a_loop_of_another_mesh_or_direction_is_refused(loops: list[BoundaryLoop
 
 def test_loops_left_open_have_their_reason(loops: list[BoundaryLoop]) -> None:
     between = (loops[0].perimeter + loops[1].perimeter) / 2
-    assert reasons_to_leave_open(loops, [0, 1], keep_largest=False, max_perimeter=None) == {}
-    keep = reasons_to_leave_open(loops, [0, 1], keep_largest=True, max_perimeter=None)
+    assert reasons_to_leave_open(loops, [0, 1], Choice()) == {}
+    keep = reasons_to_leave_open(loops, [0, 1], Choice(keep_largest=True))
     assert list(keep) == [0]
     assert "keep_largest" in keep[0]
-    short = reasons_to_leave_open(loops, [0, 1], keep_largest=False, max_perimeter=between)
+    short = reasons_to_leave_open(loops, [0, 1], Choice(max_perimeter=between))
     assert list(short) == [0]
     assert "max_perimeter" in short[0]
-    assert reasons_to_leave_open(loops, [1], keep_largest=False, max_perimeter=None) == {0: "not requested"}
+    assert reasons_to_leave_open(loops, [1], Choice()) == {0: "not requested"}
 
 
 def frame(kink: float = 0.0, edges: int = 12) -> BoundaryLoop:

@@ -199,7 +199,10 @@ class Slides:
         return u - (shares[:, None] @ self.gauge)[:, 0]
 
     def hessian(self, damping: Float[Array, " b"] | None) -> Rows:
-        """The Hessian of the energy in arc length, as a map of rows; with damping, negative `bend`s are reflected."""
+        """The Hessian of the energy in arc length, as a map of rows.
+
+        Damping multiplies a negative `bend` by (1 − 2·damping).
+        """
         unit = self.tangent / self.speed
         bend = reflected(self.bend, damping) / square(self.speed)
 

@@ -341,12 +341,7 @@ class _SampledBoundary:
             )
         )
         misfits = Misfit.each(
-            points,
-            slides,
-            norm(errors),
-            norm(tangents),
-            self.curves.local_edge(slides),
-            alone=self.curves.alone,
+            points, slides, norm(errors), norm(tangents), self.curves.local_edge(slides), alone=self.curves.alone
         )
         areas = np.pi * (r * positioned.velocity.imag).sum((1, 2, 3)) / self.dz.shape[-1]
         curvatures = curvature_within([*xp.permute_dims(positioned.spinors, (2, 0, 3, 1))])

@@ -47,11 +47,7 @@ def surface_of(lift: Lift, domain: PlaneDomain) -> Callable[[float, Vector], Arr
 
 
 def _surface_at(
-    model: Callable[[], ArrayModel],
-    domain: PlaneDomain,
-    constant: Float[Array, "3"],
-    scale: float,
-    translation: Vector,
+    model: Callable[[], ArrayModel], domain: PlaneDomain, constant: Float[Array, "3"], scale: float, translation: Vector
 ) -> ArraySurface:
     return ArraySurface(model(), domain, constant).placed(scale, translation)
 

@@ -15,17 +15,7 @@ from functools import cached_property, lru_cache, partial
 import numpy as np
 from jaxtyping import Complex, Float
 
-from spinor_geom.arrays import (
-    EPS,
-    Array,
-    Place,
-    complex_of,
-    contiguous,
-    indices,
-    namespace,
-    place_of,
-    zeros,
-)
+from spinor_geom.arrays import EPS, Array, Place, complex_of, contiguous, indices, namespace, place_of, zeros
 from spinor_geom.domain.plane_domain import FourierBoundary
 from spinor_geom.holomorphic.arnoldi import arnoldi_basis
 from spinor_geom.holomorphic.circular_domain import CircularDomain

@@ -41,7 +41,9 @@ class Fit:
     readout: Complex[Array, "n 2"]  # read-outs of p and q
     constant: Float[Array, "3"]  # c: position at the start of the first panel
     slide: Float[Array, " nodes"]  # curve parameters of the nodes
-    amounts: Float[Array, " k"]  # coefficients of the modulus fields that move Ω; in the error to first order
+    amounts: Float[
+        Array, " k"
+    ]  # coefficients of the modulus fields that move Ω; `error` includes their effect to first order
     error: Float[Array, "nodes 3"]  # r + c − Γ(slide)
     tangent: Float[Array, "nodes 3"]  # Γ′(slide)
     gap: Float[Array, "holes 3"]  # Re ∮ φ dz around each hole
@@ -188,7 +190,7 @@ def _by_spinors(e: Float[Array, "m 3"]) -> Float[Array, "m 4 4"]:
 def _directions(
     tangent: Float[Array, "nodes 3"], held: Int[Array, " k"]
 ) -> Iterator[tuple[Float[Array, "n 3"], Array | slice]]:
-    """Directions on which the residual is projected, with their nodes: both normals; the tangent at held nodes."""
+    """Directions to project the residual on: two normals at every node, plus the tangent at held nodes."""
     for normal in normals_of(tangent):
         yield normal, slice(None)
     if len(held):

@@ -211,7 +211,7 @@ def _basis_around(domain: PlaneDomain, smooth: LaurentSeries) -> tuple[Basis, Co
 
 
 def _part(smooth: LaurentSeries, z: Complex[Array, "*pts"], number: int) -> Complex[Array, "*pts 2"]:
-    """The part of one circle's powers in p and q, without the function that changes sign."""
+    """The part of one circle's powers in p and q, without the factor √(z − c) of holes where they change sign."""
     zeta = smooth.circles.coordinates(z)[number]
     if number == 0:
         return power_sums(zeta, smooth.outward)
