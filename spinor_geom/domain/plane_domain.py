@@ -219,11 +219,9 @@ class PlaneDomain:
         return cls.inside(FourierBoundary.circle(outer, n), holes=(FourierBoundary.round_hole(inner, n),))
 
     @classmethod
-    def from_boundary(
-        cls, vertices: Vertices, corners: Bool[np.ndarray, " m"] | None = None, log_scale: LogScale | None = None
-    ) -> PlaneDomain:
+    def from_boundary(cls, vertices: Vertices, corners: Bool[np.ndarray, " m"] | None = None) -> PlaneDomain:
         """The domain inside the spline through vertices, counter-clockwise; raises the errors of `inside`."""
-        return cls.inside(SplineBoundary.through(vertices, corners), log_scale)
+        return cls.inside(SplineBoundary.through(vertices, corners))
 
     @classmethod
     def inside(

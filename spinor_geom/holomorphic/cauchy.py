@@ -64,13 +64,12 @@ class CauchyNetwork(ArrayModel):
         scales: Float[Array, " k"],
         degree: int,
         branches: Sequence[complex] = (),
-        cutoff: float = 1e-8,
     ) -> CauchyNetwork:
         """A network with zero read-outs and features orthonormal in ⟨f, g⟩ = Σ weight·conj(f)·g.
 
-        The nodes z are usually on ∂Ω, and the scales the distances of the poles from it; the positive weights are
-        normalised to sum 1. `degree` is that of the polynomials; `branches` has a point c in each hole around which p
-        and q change their sign. Singular vectors of the raw features below `cutoff` times the largest singular value
+        The nodes z are usually on ∂Ω, and the scales the distances of the poles from it. The positive weights are
+        normalised to sum 1. `degree` is that of the polynomials. `branches` has a point c in each hole around which p
+        and q change their sign. Singular vectors of the raw features below 1e-8 times the largest singular value
         are dropped, because p and q lose digits if large coefficients cancel.
         """
         require_complex(nodes=z, poles=poles)
@@ -81,7 +80,7 @@ class CauchyNetwork(ArrayModel):
         root = xp.sqrt(weight)[:, None] * sign_changing(z, at)[:, None]
         _, r = xp.linalg.qr(raw * root)  # QR first: the SVD then works on a small square matrix
         _, s, vh = xp.linalg.svd(r, full_matrices=False)
-        keep = s > cutoff * s[0]
+        keep = s > 1e-8 * s[0]
         mixing, layer = vh.mT.conj()[:, keep] / s[keep], _polynomials(z, hessenberg)
         readout = zeros((mixing.shape[1], 2), mixing)
         return cls(poles=poles, scales=scales, mixing=mixing, branch=at, readout=readout, **layer)

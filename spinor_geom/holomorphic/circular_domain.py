@@ -124,3 +124,29 @@ class CircularDomain:
         return CircularDomain(
             centres=self._xp.concat([self.centres[:1], self.centres[1:] + move]), log_radii=self.log_radii - change
         )
+
+
+def turned(z: Complex[np.ndarray, "*pts"], to: complex) -> Complex[np.ndarray, "*pts"]:
+    """Images of points by the conformal map of the unit disk onto itself that moves a point to 0."""
+    return np.asarray((z - to) / (1 - np.conj(to) * z))
+
+
+def turned_circles(
+    centres: Complex[np.ndarray, " k"], radii: Float[np.ndarray, " k"], to: complex
+) -> tuple[Complex[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+    """Centres and radii of the images of circles by the same map."""
+    below = np.abs(1 - np.conj(to) * centres) ** 2 - np.abs(to * radii) ** 2
+    moved = (centres - to) * (1 - to * np.conj(centres)) + to * radii**2
+    return moved / below, radii * (1 - abs(to) ** 2) / below
+
+
+def centring(centre: complex, radius: float) -> complex:
+    """The point that the same map must move to 0 to make a circle concentric."""
+    size = abs(centre)
+    if size == 0:
+        return 0j
+    # the ends of the diameter through 0 become opposite
+    near, far = size - radius, size + radius
+    product = 1 + near * far
+    root = (near + far) / (product + math.sqrt(max(product**2 - (near + far) ** 2, 0.0)))
+    return root * centre / size

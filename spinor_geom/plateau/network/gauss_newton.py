@@ -41,9 +41,8 @@ class Fit:
     readout: Complex[Array, "n 2"]  # read-outs of p and q
     constant: Float[Array, "3"]  # c: position at the start of the first panel
     slide: Float[Array, " nodes"]  # curve parameters of the nodes
-    amounts: Float[
-        Array, " k"
-    ]  # coefficients of the modulus fields that move Ω; `error` includes their effect to first order
+    # coefficients of the modulus fields that move Ω; `error` includes their effect to first order
+    amounts: Float[Array, " k"]
     error: Float[Array, "nodes 3"]  # r + c − Γ(slide)
     tangent: Float[Array, "nodes 3"]  # Γ′(slide)
     gap: Float[Array, "holes 3"]  # Re ∮ φ dz around each hole

@@ -24,12 +24,13 @@ from spinor_geom.plateau.harmonic.dirichlet import CirclesForm
 from spinor_geom.plateau.newton import MOST_STEPS, SMALL
 from spinor_geom.plateau.rims.energy import HarmonicSurface, Moduli, RimsProblem
 
+_NODES = 64  # of each circle, for `mean_modulus`
 _STEP = 0.5  # largest step of log M; with half or twice of it the same surfaces are found
 
 
-def mean_modulus(domain: CircularDomain, n: int = 64) -> float:
+def mean_modulus(domain: CircularDomain) -> float:
     """The mean modulus M = 2πm/T of m circles, T the sum of the capacities of each against the others."""
-    return _capacity(CirclesForm.of(domain, n))[0]
+    return _capacity(CirclesForm.of(domain, _NODES))[0]
 
 
 def _capacity(form: CirclesForm) -> tuple[float, Moduli]:

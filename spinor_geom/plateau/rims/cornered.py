@@ -25,6 +25,7 @@ from spinor_geom.arrays import cis
 from spinor_geom.deadline import require_time
 from spinor_geom.domain.quadrature import rule
 from spinor_geom.errors import UnresolvedRimsError
+from spinor_geom.holomorphic.circular_domain import turned, turned_circles
 from spinor_geom.plateau.curve_tensors import CurveTensors
 from spinor_geom.plateau.steps import Steps
 
@@ -240,11 +241,6 @@ def _slices(sizes: Sequence[int]) -> tuple[slice, ...]:
     return tuple(map(slice, ends[:-1], ends[1:]))
 
 
-def turned(z: Complex[np.ndarray, "*pts"], to: complex) -> Complex[np.ndarray, "*pts"]:
-    """Images of points by the conformal map of the unit disk onto itself that moves a point to 0."""
-    return np.asarray((z - to) / (1 - np.conj(to) * z))
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Circles:
     """The circles of ∂Ω, and the images of corners on them. The first circle is the unit circle."""
@@ -293,9 +289,7 @@ class Circles:
 
     def turned(self, to: complex, rim_of_corner: Int[np.ndarray, " c"]) -> Circles:
         """The image by the conformal map of the unit disk onto itself that moves a point to 0."""
-        below = np.abs(1 - np.conj(to) * self.centres) ** 2 - np.abs(to * self.radii) ** 2
-        centres = ((self.centres - to) * (1 - to * np.conj(self.centres)) + to * self.radii**2) / below
-        radii = self.radii * (1 - abs(to) ** 2) / below
+        centres, radii = turned_circles(self.centres, self.radii, to)
         centres[0], radii[0] = 0.0, 1.0
         arguments = self.signs[rim_of_corner] * np.angle(
             turned(self.images(rim_of_corner), to) - centres[rim_of_corner]

@@ -19,22 +19,14 @@ from spinor_geom.arrays import EPS, NUMPY, to_numpy, unit
 from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary
 from spinor_geom.domain.quadrature import path_to
 from spinor_geom.errors import SurfaceError
-from spinor_geom.holomorphic.circular_domain import CircularDomain
+from spinor_geom.holomorphic.circular_domain import CircularDomain, centring, turned
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.curve_tensors import CurveTensors
 from spinor_geom.plateau.network.discretisation import Discretisation
 from spinor_geom.plateau.network.network_route import NetworkSolver
 from spinor_geom.plateau.problem import PlateauProblem
 from spinor_geom.plateau.rims.capacity_path import mean_modulus
-from spinor_geom.plateau.rims.cornered import (
-    Circles,
-    CorneredRims,
-    CorneredSurface,
-    CornerForm,
-    Side,
-    stationary,
-    turned,
-)
+from spinor_geom.plateau.rims.cornered import Circles, CorneredRims, CorneredSurface, CornerForm, Side, stationary
 from spinor_geom.plateau.rims.starts import OrientedSurface
 from spinor_geom.plateau.route_result import RimsResult, RouteResult
 from spinor_geom.surface.array_surface import PATH_ORDER
@@ -186,18 +178,6 @@ def _unwrapped(z: Complex[np.ndarray, "m n"], centres: Complex[np.ndarray, " m"]
     return np.unwrap(signs[:, None] * np.angle(z - centres[:, None]), axis=1)
 
 
-def _centring(centre: complex, radius: float) -> complex:
-    """The point that a conformal map of the unit disk moves to 0 if it makes a circle concentric."""
-    size = abs(centre)
-    if size == 0:
-        return 0j
-    # the ends of the diameter through 0 become opposite
-    near, far = size - radius, size + radius
-    product = 1 + near * far
-    root = (near + far) / (product + math.sqrt(max(product**2 - (near + far) ** 2, 0.0)))
-    return root * centre / size
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Lifted:
     """p and q of a harmonic surface with corners."""
@@ -330,7 +310,7 @@ class _Lifted:
 
 def _normalised(form: CornerForm) -> CircularDomain:
     """The circular domain with its first hole around 0."""
-    to = _centring(complex(form.circles.centres[1]), float(form.circles.radii[1]))
+    to = centring(complex(form.circles.centres[1]), float(form.circles.radii[1]))
     circles = form.circles.turned(to, form.rims.rim_of_corner)
     # up to rounding errors
     return CircularDomain(centres=np.append(0j, circles.centres[2:]), log_radii=circles.log_radii[1:])

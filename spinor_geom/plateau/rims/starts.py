@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 from spinor_geom.arrays import EPS, Array, Place, cis, namespace, norm, place_of, to_numpy, unit
-from spinor_geom.holomorphic.circular_domain import CircularDomain
+from spinor_geom.holomorphic.circular_domain import CircularDomain, centring, turned, turned_circles
 from spinor_geom.holomorphic.laurent import ROUND_OFF
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
@@ -182,17 +182,13 @@ def _circles_on_sphere(
     angle = np.arccos(np.clip(z, -1, 1))
     near, far = (outer / np.tan((angle + sign * width[1:]) / 2) for sign in (1, -1))
     centre, radius = (near + far) / 2 * cis(np.arctan2(y, x)), (far - near) / 2
-    # a Möbius map of the unit disk moves the second circle's centre to 0
-    product = 1 + near[0] * far[0]
-    root = (near + far)[0] / (product + np.sqrt(max(product**2 - (near + far)[0] ** 2, 0.0)))
-    to = root * np.exp(1j * np.angle(centre[0]))
-    below = np.abs(1 - to.conj() * centre) ** 2 - (root * radius) ** 2
-    if below.min() <= 0:
+    to = centring(complex(centre[0]), float(radius[0]))
+    centre, radius = turned_circles(centre, radius, to)
+    if radius.min() <= 0:
         return None
-    centre = ((centre - to) * (1 - to * centre.conj()) + to * radius**2) / below
     centre[0] = 0
-    domain = CircularDomain(centres=centre, log_radii=np.log(radius * (1 - root**2) / below))
-    return (domain, (flat - to) / (1 - to.conj() * flat)) if domain.nearness < _NEAREST else None
+    domain = CircularDomain(centres=centre, log_radii=np.log(radius))
+    return (domain, turned(flat, to)) if domain.nearness < _NEAREST else None
 
 
 def _first_valley(energy: Float[np.ndarray, " k"], usual: int) -> int:
