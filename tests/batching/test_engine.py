@@ -27,7 +27,7 @@ from spinor_geom.batching.settings import BatchOptions
 from spinor_geom.batching.store import RUN, STAGING, failure, log_line, opened_store
 from spinor_geom.batching.workers import Workers, open_workers
 from spinor_geom.cli.main import main
-from spinor_geom.errors import BatchError, OptionError
+from spinor_geom.errors import BatchError
 from tests.batching.files import circle, curve_text, holed_text, record, results, write_curves
 from tests.batching.test_task import LIMITS, solved
 from tests.systems import signals
@@ -187,11 +187,6 @@ def test_failures_are_in_the_log_and_on_the_page(reference: BatchResult) -> None
     assert page.count("<svg") > 20
     assert "zero byte" in page
     assert "<script" not in page
-
-
-def test_nothing_is_left_half_written(reference: BatchResult) -> None:
-    assert not (reference.output / STAGING).exists()
-    assert not [path for path in reference.output.rglob(".*") if path.name != ".lock"]
 
 
 @signals
@@ -373,12 +368,6 @@ def test_folders_that_hold_something_are_left_alone(
     assert "no such file" in capsys.readouterr().err
 
 
-def test_a_run_without_results_is_no_obstacle(corpus: Path, tmp_path: Path) -> None:
-    for device in ("cpu", "cuda"):
-        with opened_store(tmp_path / "out", BatchOptions(device=device), resume=False):
-            pass
-
-
 def test_faults_and_changed_files_are_done_again(corpus: Path, tmp_path: Path) -> None:
     (path,) = write_curves(tmp_path / "in", 1)
     with opened_store(tmp_path / "out", BatchOptions(), resume=False) as store:
@@ -387,28 +376,6 @@ def test_faults_and_changed_files_are_done_again(corpus: Path, tmp_path: Path) -
             store.commit(source, failure("a", "", status=status), {})
             assert (store.completed(source) is not None) == complete
             assert store.completed(Source(key="a", path=str(path), size=3, modified=5)) is None
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        {"workers": 0},
-        {"workers": 1, "scheduler": "tcp://127.0.0.1:1"},
-        {"retries": -1},
-        {"time_limit": 0},
-        {"memory_limit": -5},
-        {"tolerance": 0.0},
-    ],
-)
-def test_options_are_checked_before_anything_is_made(corpus: Path, tmp_path: Path, wrong: dict[str, object]) -> None:
-    with pytest.raises(OptionError):
-        batch(corpus, tmp_path / "out", **wrong)  # type: ignore[arg-type]
-    assert not (tmp_path / "out").exists()
-
-
-def test_a_missing_scheduler_is_reported(corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(BatchError, match="cannot connect to a Dask scheduler"):
-        batch(corpus, tmp_path / "out", scheduler="nonsense://here")
 
 
 def of_threads(count: int) -> Workers:

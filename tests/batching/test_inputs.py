@@ -23,13 +23,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from spinor_geom.adapters.mesh_files import FORMATS
 from spinor_geom.batching import archives
 from spinor_geom.batching.archives import ArchiveReader, Member, members
 from spinor_geom.batching.inputs import Inputs, Source
 from spinor_geom.batching.settings import Limits
 from spinor_geom.errors import ArchiveError, BatchError
-from spinor_geom.files import MESH_SUFFIXES, safe_name
+from spinor_geom.files import safe_name
 from tests.batching.files import packed_zip
 from tests.systems import links, modes
 
@@ -86,18 +85,6 @@ def test_folders_are_searched_in_order_with_all_below(folder: Path) -> None:
 def test_patterns_fit_files_at_any_depth(folder: Path) -> None:
     assert keys(folder / "*.obj") == ["scans/b.obj"]
     assert keys(folder / "**" / "*.obj") == ["scans/b.obj", "scans/deep/er/c.obj"]
-
-
-def test_a_file_named_like_a_pattern_is_that_file(tmp_path: Path) -> None:
-    (tmp_path / "a[1].obj").write_text("")
-    assert keys(tmp_path / "a[1].obj") == ["a[1].obj"]
-
-
-def test_inputs_of_one_name_have_different_keys(folder: Path, tmp_path: Path) -> None:
-    (tmp_path / "other").mkdir()
-    other = tmp_path / "other" / "b.obj"
-    other.write_text("")
-    assert keys(folder / "b.obj", other, other) == ["b.obj", "b.obj~2", "b.obj~3"]
 
 
 def test_inputs_that_are_named_as_others_are_numbered_have_different_keys(tmp_path: Path) -> None:
@@ -257,10 +244,6 @@ def test_inputs_without_mesh_files_are_an_error_that_counts_the_other_files(fold
     assert "is not a mesh file" in sources["a.jpg"]
 
 
-def test_files_of_all_formats_are_found() -> None:
-    assert set(MESH_SUFFIXES) == set(FORMATS)
-
-
 @pytest.mark.parametrize("suffix", [*PACKERS, ".zip"])
 def test_archives_are_read_member_by_member_in_any_order(tmp_path: Path, suffix: str) -> None:
     data = {f"set/{number}.obj": os.urandom(3000 * number) for number in range(5)}
@@ -325,9 +308,11 @@ def test_zip_archives_with_links_or_passwords_are_refused(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("suffix", [".tar.gz", ".tbz2", ".tar.xz", ".zip"])
-def test_bombs_are_refused_before_they_unpack(tmp_path: Path, suffix: str) -> None:
+@pytest.mark.parametrize("parts", [1, 10])
+def test_bombs_are_refused_before_they_unpack(tmp_path: Path, suffix: str, parts: int) -> None:
     path = tmp_path / f"bomb{suffix}"
-    (packed_zip if suffix == ".zip" else packed_tar)(path, [GOOD, ("bomb.obj", bytes(20 << 20))])
+    bombs = [(f"bomb{number}.obj", bytes((20 << 20) // parts)) for number in range(parts)]
+    (packed_zip if suffix == ".zip" else packed_tar)(path, [GOOD, *bombs])
     assert "a decompression bomb" in problem(path)
     tracemalloc.start()
     with pytest.raises(ArchiveError, match="a decompression bomb"):
@@ -361,10 +346,10 @@ def good_tar() -> bytes:
 def test_a_header_as_long_as_a_mesh_is_not_read(tmp_path: Path) -> None:
     path = tmp_path / "bomb.tar.gz"
     with gzip.open(path, "wb", compresslevel=6) as file:
-        file.write(pax_header(100 << 20) + good_tar())
+        file.write(pax_header(16 << 20) + good_tar())
     assert path.stat().st_size < 2 << 20
     tracemalloc.start()
-    with pytest.raises(ArchiveError, match=r"contains a header of 1048\d{5} bytes"):
+    with pytest.raises(ArchiveError, match=r"contains a header of 167\d{5} bytes"):
         list(members(path))
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
@@ -456,7 +441,7 @@ def test_every_truncated_archive_is_a_problem(tmp_path: Path, suffix: str) -> No
     path = tmp_path / f"a{suffix}"
     (packed_zip if suffix == ".zip" else packed_tar)(path, [("a.obj", os.urandom(5000)), ("b.obj", os.urandom(5000))])
     data = path.read_bytes()
-    for share in (0.0, 0.01, 0.3, 0.5):
+    for share in (0.0, 0.3):
         path.write_bytes(data[: int(share * len(data))])
         assert all(source.problem for source in list(listed([str(path)]))[-1:]), share
 
@@ -490,45 +475,19 @@ def test_long_and_undecodable_names_stay_short_and_different() -> None:
     assert safe_name(["a.obj", "b.obj"]) == "a.obj%/b.obj"
 
 
-def test_listing_takes_the_same_memory_for_ten_times_as_many(tmp_path: Path) -> None:
+@pytest.mark.parametrize("kind", ["jsonl", "tar"])
+def test_listing_takes_the_same_memory_for_ten_times_as_many(tmp_path: Path, kind: str) -> None:
     def peak(count: int) -> int:
-        path = tmp_path / f"{count}.jsonl"
-        path.write_text('{"path": "gone.obj"}\n' * count)
+        path = tmp_path / f"{count}.{kind}"
+        if kind == "tar":
+            packed_tar(path, [(f"{number}.obj", b"") for number in range(count)])
+        else:
+            path.write_text('{"path": "gone.obj"}\n' * count)
         tracemalloc.start()
-        assert sum(1 for _ in listed([str(path)])) == count
+        assert sum(1 for _ in (members(path) if kind == "tar" else listed([str(path)]))) == count
         _, most = tracemalloc.get_traced_memory()
         tracemalloc.stop()
         return most
 
-    few = peak(300)
-    assert peak(3000) < 1.3 * few + 20_000
-
-
-def test_tar_archives_are_not_held_either(tmp_path: Path) -> None:
-    def peak(count: int) -> int:
-        path = packed_tar(tmp_path / f"{count}.tar", [(f"{number}.obj", b"") for number in range(count)])
-        tracemalloc.start()
-        assert sum(1 for _ in members(path)) == count
-        _, most = tracemalloc.get_traced_memory()
-        tracemalloc.stop()
-        return most
-
-    few = peak(100)
-    assert peak(1000) < 1.3 * few + 20_000
-
-
-def test_a_damaged_member_is_an_error_of_its_own(tmp_path: Path) -> None:
-    path = packed_tar(tmp_path / "a.tar", [GOOD])
-    (member,) = members(path)
-    path.unlink()
-    # that the file is gone is no damage: it may come back
-    with pytest.raises(FileNotFoundError):
-        ArchiveReader().read(path, member)
-
-
-@pytest.mark.parametrize("suffix", [".zip", ".tar.gz"])
-def test_many_members_that_are_a_bomb_together_are_refused(tmp_path: Path, suffix: str) -> None:
-    path = tmp_path / f"bomb{suffix}"
-    entries = [(f"part{number}.obj", bytes(2 << 20)) for number in range(10)]
-    (packed_zip if suffix == ".zip" else packed_tar)(path, [GOOD, *entries])
-    assert "a decompression bomb" in problem(path)
+    few = peak(200)
+    assert peak(2000) < 1.3 * few + 20_000

@@ -184,16 +184,10 @@ def test_lay_out_closes_and_keeps_directions():
     assert np.abs(np.abs(sides) / edge - 1).max() < 0.5
 
 
-def test_lay_out_scales_edges_by_the_mean_log_scale_of_their_ends():
-    n = 24
-    u = np.full(n, np.log(3.0))
-    polygon = lay_out(np.full(n, 0.1), np.full(n, 2 * np.pi / n), u)
-    np.testing.assert_allclose(np.abs(np.roll(polygon, -1) - polygon), 0.3, rtol=1e-12)
-
-
-def test_polygon_that_cannot_close_is_none():
+def test_a_polygon_that_cannot_close_or_is_not_finite_is_none():
     # all its sides run to the right
     assert lay_out(np.ones(4), np.full(4, 0.1), np.zeros(4)) is None
+    assert lay_out(np.ones(6), np.array([1, 1, np.nan, 1, 1, 1]), np.zeros(6)) is None
 
 
 def test_boundary_that_stays_crossed_is_refused():
@@ -282,9 +276,3 @@ def test_a_matrix_that_rounding_makes_indefinite_raises_a_typed_error(size):
     turning = np.full(m, 6 * np.pi / m)  # three times around: not simple
     with suppress(DomainError):
         assert is_simple(flatten_boundary(np.ones(m), turning, operator(size * slopes @ slopes.T)).boundary)
-
-
-def test_turning_that_is_not_finite_gives_no_polygon():
-    turning = np.full(6, np.pi / 3)
-    turning[2] = np.nan
-    assert lay_out(np.ones(6), turning, np.zeros(6)) is None

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from spinor_geom.domain import FourierBoundary, PlaneDomain
+from spinor_geom.domain import PlaneDomain
 from spinor_geom.domain.triangulation import triangulate_polygon
 from spinor_geom.errors import DomainError, OptionError
 
@@ -66,7 +66,3 @@ def test_radii_that_are_none_are_refused():
     for inner, outer, n in ((1.0, 0.5, 64), (0.0, 1.0, 64), (0.9, 1.0, 6)):
         with pytest.raises(OptionError, match="an annulus needs"):
             PlaneDomain.annulus(inner, outer, n)
-
-
-def test_round_hole_runs_clockwise():
-    assert shoelace(FourierBoundary.round_hole(0.5, 50).vertices) < 0

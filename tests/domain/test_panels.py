@@ -42,15 +42,6 @@ def test_cumulative_integral_of_one_is_the_way_from_the_panels_start(boundary):
     )
 
 
-def test_nodes_increase_from_panel_to_panel():
-    breaks = np.array([0.0, 0.1, 0.15, 0.7, 1.0])
-    panels = Panels.on(CIRCLE, breaks, 5)
-    assert len(panels.t) == 20
-    assert (np.diff(panels.t) > 0).all()
-    assert ((panels.t.reshape(4, 5) > breaks[:-1, None]) & (panels.t.reshape(4, 5) < breaks[1:, None])).all()
-    np.testing.assert_allclose(panels.weights.reshape(4, 5).sum(axis=1), np.diff(breaks), atol=1e-16)
-
-
 def test_quadrature_between_a_pole_and_the_boundary_converges_geometrically():
     """∮ dz/(z − ζ) = 0 for a pole outside: the error falls by a constant factor with each order."""
     pole = 2.4

@@ -10,7 +10,6 @@ from spinor_geom.domain import FourierBoundary, PlaneDomain, SplineBoundary
 from spinor_geom.domain.plane_domain import Boundary, sampled
 from spinor_geom.errors import DomainError, DtypeError, OptionError
 from tests.loops import L_SHAPE, planar, slit
-from tests.strategies import SEEDS, analytic_boundaries
 
 FLAT = np.array([1, 1j, 0])
 ANGLES = 2 * np.pi * np.arange(80) / 80
@@ -57,14 +56,6 @@ def test_spline_with_corners_has_straight_sides():
     assert np.abs(distance).max() < 1e-14
 
 
-def test_circle_is_exact():
-    circle = FourierBoundary.circle(2.5, 12)
-    t = np.linspace(0, 1, 50)
-    np.testing.assert_allclose(np.abs(circle.point(t)), 2.5, rtol=1e-15)
-    np.testing.assert_allclose(circle.derivative(t), 2j * np.pi * circle.point(t), rtol=1e-15)
-    assert not circle.corners.any()
-
-
 def test_fourier_boundary_is_its_series():
     t = np.random.default_rng(0).uniform(-2, 3, size=(4, 5))
     k = np.arange(-3, 4)
@@ -84,14 +75,6 @@ def test_grid_of_a_fourier_boundary_is_the_series_and_its_derivatives_at_equal_s
     np.testing.assert_allclose(dz, BENT.derivative(t), atol=1e-12)
     k = BENT.frequencies
     np.testing.assert_allclose(ddz, np.exp(2j * np.pi * k * t[:, None]) @ (-((2 * np.pi * k) ** 2) * BENT.coefficients))
-
-
-def test_vertices_of_a_fourier_boundary_lie_at_equal_steps():
-    assert len(BENT.vertices) == 72
-    np.testing.assert_allclose(BENT.parameters, np.arange(73) / 72, atol=1e-15)
-    np.testing.assert_array_equal(BENT.vertices, BENT.point(BENT.parameters[:-1]))
-    assert BENT.corners.shape == (72,)
-    assert not BENT.corners.any()
 
 
 @settings(max_examples=20)
@@ -132,32 +115,12 @@ def test_samples_are_the_vertices_and_equal_steps_between_them():
 
 
 @settings(max_examples=20)
-@given(boundary=analytic_boundaries(harmonics=40, most=0.9), seed=SEEDS)
-def test_boundaries_of_the_tests_are_simple(boundary, seed):
-    s, t = np.random.default_rng(seed).uniform(size=(2, 200))
-    chord = np.abs(np.exp(2j * np.pi * s) - np.exp(2j * np.pi * t))
-    assert (np.abs(boundary.point(s) - boundary.point(t)) >= 0.1 * chord - 1e-12).all()
-
-
-def test_diameter_of_a_polygon():
-    assert abs(DOMAINS["L"].diameter - np.hypot(2, 2)) < 1e-15
-
-
-@settings(max_examples=20)
 @given(x=st.floats(-1, 3), y=st.floats(-1, 3))
 def test_inside_of_the_l(x, y):
     margin = min(abs(x), abs(y), abs(x - 2), abs(y - 2), abs(x - 1), abs(y - 1))
     inside = (0 < x < 2 and 0 < y < 1) or (0 < x < 1 and 0 < y < 2)
     if margin > 1e-9:
         assert DOMAINS["L"].contains(np.array(x + 1j * y)) == inside
-
-
-def test_inside_test_takes_any_shape_and_many_points():
-    z = np.random.default_rng(0).uniform(-1.2, 1.2, size=(3, 2000, 2)) @ np.array([1, 1j])
-    inside = DOMAINS["disk"].contains(z)
-    assert inside.shape == z.shape
-    clear = np.abs(np.abs(z) - 1) > 0.01
-    np.testing.assert_array_equal(inside[clear], (np.abs(z) < 1)[clear])
 
 
 def edges_from_root(domain):

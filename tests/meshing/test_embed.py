@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
-from threadpoolctl import threadpool_limits
 
-from spinor_geom import BoundaryLoop, gallery, read_mesh, solve_plateau
+from spinor_geom import gallery, read_mesh, solve_plateau
 from spinor_geom.domain.sizes import EdgeLengths
 from spinor_geom.domain.triangulation import triangulate_polygon
 from spinor_geom.errors import CadFileError, DomainError, OptionError, TooManyPointsError
@@ -112,42 +111,9 @@ def test_uneven_loop_gives_good_triangles_away_from_its_short_edges():
     assert (smallest[~touches] >= 20).mean() >= 0.99
 
 
-@pytest.mark.parametrize("scale", [1e-6, 1e6])
-def test_scale_of_space_does_not_matter(scale):
-    reference, scaled = exact_solution(ENNEPER, 60), exact_solution(ENNEPER, 60, scale=scale)
-    patch = mesh_patch(scaled)
-    check_is_a_patch(patch, scaled)
-    assert len(patch.vertices) == pytest.approx(len(mesh_patch(reference).vertices), rel=0.05)
-
-
-def test_triangle_gives_one_face():
-    solution = exact_solution(PLANE, 3)
-    patch = mesh_patch(solution)
-    check_is_a_patch(patch, solution)
-    assert len(patch.faces) == 1
-
-
-def test_square_whose_edges_are_the_target_gives_two_faces():
-    solution = exact_solution(PLANE, 4)
-    check_is_a_patch(mesh_patch(solution), solution)
-    assert len(mesh_patch(solution).faces) == 2
-
-
 def test_plane_patch_has_the_polygon_s_area():
     patch = mesh_patch(exact_solution(PLANE, 40))
     assert patch.area == pytest.approx(20 * np.sin(2 * np.pi / 40), rel=1e-13)
-
-
-def test_number_of_vertices_follows_the_target_and_not_a_wild_stretch():
-    # λ = |1 + 40 z²⁰|² is 1 in the middle and 1,600 at the rim
-    solution = exact_solution(((1, 0), *((0, 0),) * 19, (40, 0)), 50)
-    patch = mesh_patch(solution)
-    check_is_a_triangulation_of_disk(patch)
-    assert len(patch.vertices) < 20_000
-
-
-def check_is_a_triangulation_of_disk(patch):
-    assert len(patch.faces) == 2 * len(patch.vertices) - 2 - patch.boundary_size
 
 
 @pytest.mark.parametrize("length", [0.0, -1.0, np.nan, np.inf])
@@ -163,17 +129,6 @@ def test_loop_points_that_cross_in_the_domain_are_refused():
     )
     with pytest.raises(DomainError):
         mesh_patch(solution)
-
-
-def test_patches_are_the_same_on_any_number_of_threads():
-    t = 2 * np.pi * np.arange(120) / 120
-    points = np.stack([2 * np.cos(t), np.sin(t), 0.3 * np.sin(3 * t)], axis=1)
-    solution = solve_plateau(BoundaryLoop.from_points(points))
-    made = []
-    for threads in (1, 2, 4):
-        with threadpool_limits(threads):
-            made.append(mesh_patch(solution).vertices.tobytes())
-    assert len(set(made)) == 1
 
 
 def test_a_domain_has_the_given_angles() -> None:
