@@ -8,7 +8,6 @@ from spinor_geom.domain.polygons import lattice_inside
 from tests.strategies import SEEDS
 
 ROW = np.sqrt(0.75)
-L = np.array([0, 2, 2 + 1j, 1 + 1j, 1 + 2j, 2j])
 
 
 def lattice(spacing, reach):
