@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 from hypothesis import strategies as st
 
+from spinor_geom.adapters import MeshFile, read_mesh
+from spinor_geom.adapters.contents import FileContents
 from spinor_geom.adapters.glb_container import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, GlbContainer
+from spinor_geom.adapters.mesh_files import path_in_errors
 from spinor_geom.mesh.topology import is_watertight
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
 
@@ -43,6 +47,22 @@ def nothing() -> MeshExtension:
     return MeshExtension(
         vertices=np.zeros((0, 3)), faces=np.zeros((0, 3), dtype=np.int64), face_loops=np.zeros(0, dtype=np.int64)
     )
+
+
+def reading(
+    read: Callable[[bytes], FileContents], suffix: str
+) -> tuple[Callable[[str | bytes], MeshFile], Callable[[MeshFile, Path], MeshFile]]:
+    """Reads the content of a file of a format; writes a file to a folder and reads it again."""
+
+    def parsed(content: str | bytes) -> MeshFile:
+        with path_in_errors(Path(f"a{suffix}")):
+            return MeshFile.of_contents(read(content.encode() if isinstance(content, str) else content), path=None)
+
+    def again(file: MeshFile, folder: Path) -> MeshFile:
+        file.write(folder / f"again{suffix}")
+        return read_mesh(folder / f"again{suffix}")
+
+    return parsed, again
 
 
 def is_closed(mesh: TriangleMesh) -> bool:

@@ -10,32 +10,24 @@ import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from spinor_geom.adapters import MeshFile, glb, read_mesh
+from spinor_geom.adapters import glb, read_mesh
 from spinor_geom.adapters.glb import read_glb
 from spinor_geom.adapters.glb_container import GlbContainer
-from spinor_geom.adapters.mesh_files import path_in_errors
 from spinor_geom.mesh.topology import boundary_edges
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
 from tests.adapters.malformed import nested
-from tests.adapters.shapes import extensions, glb_file, is_closed, lid, open_cube
+from tests.adapters.shapes import extensions, glb_file, is_closed, lid, open_cube, reading
+
+parsed, again = reading(read_glb, ".glb")
+
 
 VERTICES, FACES = open_cube(np.float32)
 INDICES = FACES.reshape(-1, 1).astype(np.uint16)
 CUBE = {"POSITION": VERTICES, "indices": INDICES}
 
 
-def parsed(data: bytes) -> MeshFile:
-    with path_in_errors(Path("a.glb")):
-        return MeshFile.of_contents(read_glb(data), path=None)
-
-
 def pieces(data: bytes) -> list[glb.PlacedPrimitive]:
     return glb.scene_pieces(GlbContainer.read(data))
-
-
-def again(file: MeshFile, folder: Path) -> MeshFile:
-    file.write(folder / "again.glb")
-    return read_mesh(folder / "again.glb")
 
 
 def tree_of(data: bytes) -> dict:

@@ -7,27 +7,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from spinor_geom.adapters import MeshFile, read_mesh
-from spinor_geom.adapters.mesh_files import path_in_errors
+from spinor_geom.adapters import read_mesh
 from spinor_geom.adapters.obj import read_obj
 from spinor_geom.errors import MeshFileError
 from spinor_geom.mesh.topology import boundary_edges
-from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS, DATA, extensions, is_closed, lid, lid_for
+from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS, DATA, extensions, is_closed, lid, lid_for, reading
+
+parsed, again = reading(read_obj, ".obj")
+
 
 CUBE = "".join(f"v {x} {y} {z}\n" for x, y, z in CUBE_POINTS.tolist())
 CUBE += "".join("f " + " ".join(map(str, quad)) + "\n" for quad in (CUBE_QUADS[:-1] + 1).tolist())
 TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
-
-
-def parsed(text: str | bytes) -> MeshFile:
-    data = text.encode() if isinstance(text, str) else text
-    with path_in_errors(Path("a.obj")):
-        return MeshFile.of_contents(read_obj(data), path=None)
-
-
-def again(file: MeshFile, folder: Path) -> MeshFile:
-    file.write(folder / "again.obj")
-    return read_mesh(folder / "again.obj")
 
 
 @pytest.mark.parametrize(

@@ -8,25 +8,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from spinor_geom.adapters import MeshFile, read_mesh
-from spinor_geom.adapters.mesh_files import path_in_errors
 from spinor_geom.adapters.off import read_off
-from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS, extensions, is_closed, lid, lid_for
+from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS, extensions, is_closed, lid, lid_for, reading
+
+parsed, again = reading(read_off, ".off")
+
 
 QUADS = "".join(f"4 {' '.join(map(str, quad))}\n" for quad in CUBE_QUADS[:-1].tolist())
 POINTS = "".join(f"{x} {y} {z}\n" for x, y, z in CUBE_POINTS.tolist())
 CUBE = f"OFF\n8 5 0\n{POINTS}{QUADS}"
-
-
-def parsed(text: str | bytes) -> MeshFile:
-    data = text.encode() if isinstance(text, str) else text
-    with path_in_errors(Path("a.off")):
-        return MeshFile.of_contents(read_off(data), path=None)
-
-
-def again(file: MeshFile, folder: Path) -> MeshFile:
-    file.write(folder / "again.off")
-    return read_mesh(folder / "again.off")
 
 
 @pytest.mark.parametrize(

@@ -11,11 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from spinor_geom.adapters import MeshFile, read_mesh
-from spinor_geom.adapters.mesh_files import path_in_errors
 from spinor_geom.adapters.ply import read_ply, read_records
 from spinor_geom.errors import MeshFileError
 from spinor_geom.mesh.triangle_mesh import MeshExtension
-from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS, extensions, is_closed, lid, open_cube
+from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS, extensions, is_closed, lid, open_cube, reading
+
+parsed, again = reading(read_ply, ".ply")
+
 
 FORMATS = ["ascii", "binary_little_endian", "binary_big_endian"]
 
@@ -55,16 +57,6 @@ def ply(
         for face in faces
     )
     return text + records.tobytes() + body
-
-
-def parsed(data: bytes) -> MeshFile:
-    with path_in_errors(Path("a.ply")):
-        return MeshFile.of_contents(read_ply(data), path=None)
-
-
-def again(file: MeshFile, folder: Path) -> MeshFile:
-    file.write(folder / "again.ply")
-    return read_mesh(folder / "again.ply")
 
 
 QUADS = [quad.tolist() for quad in CUBE_QUADS[:-1]]

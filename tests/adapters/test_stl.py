@@ -8,16 +8,12 @@ import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from spinor_geom.adapters import MeshFile, read_mesh
-from spinor_geom.adapters.mesh_files import path_in_errors
+from spinor_geom.adapters import read_mesh
 from spinor_geom.adapters.stl import encode_stl, read_stl
 from spinor_geom.mesh.topology import boundary_edges
-from tests.adapters.shapes import is_closed, lid, open_cube
+from tests.adapters.shapes import is_closed, lid, open_cube, reading
 
-
-def parsed(data: bytes) -> MeshFile:
-    with path_in_errors(Path("a.stl")):
-        return MeshFile.of_contents(read_stl(data), path=None)
+parsed, _ = reading(read_stl, ".stl")
 
 
 def cube_stl(encoding: str) -> bytes:

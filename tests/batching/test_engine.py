@@ -220,21 +220,6 @@ def test_a_killed_driver_is_resumed_to_the_same_bytes(
     assert {path: path.stat().st_ino for path in before} == before
 
 
-@signals
-def test_a_killed_process_costs_time_only(reference: BatchResult, corpus: Path, tmp_path: Path) -> None:
-    killed: list[psutil.Process] = []
-
-    def kill(now: BatchProgress) -> None:
-        if now.files > 2 and not killed:
-            killed.append(solvers_of(os.getpid())[0])
-            killed[0].kill()
-
-    result = batch(corpus, tmp_path / "out", workers=1, on_progress=kill)
-    assert killed
-    assert result.progress.files_failed == 2
-    assert results(result.output) == results(reference.output)
-
-
 @pytest.mark.slow
 def test_a_cluster_leaves_the_same_bytes(reference: BatchResult, corpus: Path, tmp_path: Path) -> None:
     with local_cluster() as cluster:
@@ -277,37 +262,6 @@ def test_a_cluster_with_tls_is_used_by_its_client_or_itself(tmp_path: Path) -> N
         with Client(cluster, set_as_default=False) as client:
             assert works(client)
             assert client.status == "running"
-
-
-@pytest.fixture
-def small_disk(tmp_path: Path) -> Iterator[Path]:
-    disk = tmp_path / "disk"
-    disk.mkdir()
-    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=128k", "tmpfs", disk], capture_output=True)
-    if mounted.returncode:
-        pytest.skip("mounting is not permitted here")
-    yield disk
-    subprocess.run(["umount", "-l", disk], check=True)
-
-
-@pytest.mark.slow
-@signals
-def test_a_full_disk_ends_the_run_and_room_lets_it_go_on(
-    reference: BatchResult, corpus: Path, small_disk: Path
-) -> None:
-    driver = started(corpus, "-o", small_disk / "out", "--workers", 1)
-    _, errors = driver.communicate(timeout=120)
-    assert driver.returncode == 2
-    assert "No space left on device" in errors
-    whole = results(reference.output)
-    there = results(small_disk / "out")
-    assert there
-    assert set(there.items()) < set(whole.items())
-    subprocess.run(["mount", "-o", "remount,size=64m", small_disk], check=True)
-    again = started(corpus, "-o", small_disk / "out", "--workers", 1, "--resume")
-    again.communicate(timeout=120)
-    assert again.returncode == 1
-    assert results(small_disk / "out") == whole
 
 
 @pytest.mark.slow
