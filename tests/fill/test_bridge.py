@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import trimesh
 
-from spinor_geom.errors import LoopIndexError, OptionError
 from spinor_geom.fill.bridges import find_islands, lies_in
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
@@ -43,14 +42,16 @@ def places(mesh: tuple[np.ndarray, np.ndarray], *radii: float) -> tuple[int, ...
     return tuple(int(np.argmin(np.abs(np.array(found) - radius))) for radius in radii)
 
 
+def inner_rims(mesh: tuple[np.ndarray, np.ndarray]) -> tuple[int, ...]:
+    """The places of the loops of radius 1."""
+    loops = find_boundary_loops(TriangleMesh(*mesh))
+    return tuple(k for k, loop in enumerate(loops) if abs(np.linalg.norm(loop.points[0, :2]) - 1.0) < 0.01)
+
+
 def test_two_ends_of_a_gap_are_bridged() -> None:
     # flanges of radius 1 at heights ±0.4, facing outwards
     mesh = together(ring(1.0, 1.4, height=0.4), ring(1.0, 1.4, height=-0.4, down=True))
-    first, second = (
-        place
-        for place, loop in enumerate(find_boundary_loops(TriangleMesh(*mesh)))
-        if abs(np.linalg.norm(loop.points[0, :2]) - 1.0) < 0.01
-    )
+    first, second = inner_rims(mesh)
     filled, report = fill_hole(mesh, bridge=(first, second), return_report=True)
     here, there = report.loops[first], report.loops[second]
     assert here.converged
@@ -95,11 +96,7 @@ def test_a_bridge_with_more_area_than_two_disks_is_reported_as_a_local_minimum()
 
 def test_rims_too_far_apart_stay_open_with_the_reason() -> None:
     mesh = together(ring(1.0, 1.4, height=0.8), ring(1.0, 1.4, height=-0.8, down=True))
-    pair = tuple(
-        place
-        for place, loop in enumerate(find_boundary_loops(TriangleMesh(*mesh)))
-        if abs(np.linalg.norm(loop.points[0, :2]) - 1.0) < 0.01
-    )
+    pair = inner_rims(mesh)
     _, report = fill_hole(mesh, bridge=pair, return_report=True)
     assert not report.loops[pair[0]].filled
     assert "no annulus" in report.loops[pair[0]].reason
@@ -109,11 +106,7 @@ def test_rims_too_far_apart_stay_open_with_the_reason() -> None:
 
 def test_pieces_inside_out_to_each_other_are_refused() -> None:
     mesh = together(ring(1.0, 1.4, height=0.4), ring(1.0, 1.4, height=-0.4))
-    pair = tuple(
-        place
-        for place, loop in enumerate(find_boundary_loops(TriangleMesh(*mesh)))
-        if abs(np.linalg.norm(loop.points[0, :2]) - 1.0) < 0.01
-    )
+    pair = inner_rims(mesh)
     _, report = fill_hole(mesh, bridge=pair, return_report=True)
     assert not report.loops[pair[0]].filled
     assert "flip the faces of one piece" in report.loops[pair[0]].reason
@@ -265,21 +258,3 @@ def test_what_is_advised_for_open_sheets_joins_them(seed: int, gap: float, rows:
     assert border.is_border
     assert gap_between.converged
     assert report.intersection_free
-
-
-def test_what_is_no_bridge_is_refused() -> None:
-    with pytest.raises(OptionError, match="two or more loops, got 1"):
-        fill_hole(island(), bridge=(1,))
-    with pytest.raises(OptionError, match="loop 1 twice"):
-        fill_hole(island(), bridge=(1, 1))
-    for place in (0, np.int64(0), "0"):
-        with pytest.raises(OptionError, match="several loop indices"):
-            fill_hole(island(), bridge=place)
-    with pytest.raises(OptionError, match="exclude each other"):
-        fill_hole(island(), [2], bridge=(0, 1))
-    with pytest.raises(OptionError, match="exclude each other"):
-        fill_hole(island(), np.array([2]), bridge=(0, 1))
-    with pytest.raises(LoopIndexError, match="loop 9"):
-        fill_hole(island(), bridge=(0, 9))
-    with pytest.raises(OptionError, match="islands"):
-        fill_hole(island(), islands="maybe")  # type: ignore[call-overload]

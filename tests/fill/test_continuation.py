@@ -16,21 +16,20 @@ from spinor_geom.bench.ragged import reported_bowls
 from spinor_geom.deadline import time_limit
 from spinor_geom.domain.sizes import GRADED
 from spinor_geom.errors import (
-    LoopIndexError,
-    OptionError,
     OutOfTimeError,
     SingularMatrixError,
     SpinorGeomError,
     TooManyPointsError,
 )
 from spinor_geom.fill import fairing
-from spinor_geom.fill.collar import bend_across, collar_of
+from spinor_geom.fill.collar import Collar, bend_across, collar_of
 from spinor_geom.fill.continuation import continue_patch
 from spinor_geom.fill.fairing import Faired, minimised_curvature
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.fill_result import LoopOutcome
 from spinor_geom.fill.loop_choice import boundary_loops
 from spinor_geom.fill.patched_mesh import PatchedMesh
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.topology import is_watertight
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import Patch
@@ -72,6 +71,13 @@ def continued(mesh: Mesh, **options: Any) -> tuple[np.ndarray, LoopOutcome]:
     filled = [outcome for outcome in report.loops if outcome.patch is not None]
     assert len(filled) == 1
     return vertices[len(mesh[0]) :], filled[0]
+
+
+def with_film(mesh: Mesh) -> tuple[BoundaryLoop, Patch, Collar]:
+    """The longest loop of a mesh, the film over it, and the mesh around."""
+    loop = boundary_loops(mesh)[0]
+    film = fill_hole(mesh, 0, return_report=True)[1].loops[0].patch
+    return loop, film, collar_of(PatchedMesh(TriangleMesh(*mesh)), loop.vertex_ids, film)
 
 
 def rms(values: np.ndarray) -> float:
@@ -350,9 +356,7 @@ def test_a_continuation_with_a_defect_is_kept_only_if_it_crosses_less(
 
 def test_a_finer_mesh_without_inner_vertices_has_nothing_to_move(monkeypatch: pytest.MonkeyPatch) -> None:
     mesh = without(icosphere(3), centres(icosphere(3))[:, 2] > -0.4)
-    loop = boundary_loops(mesh)[0]
-    film = fill_hole(mesh, return_report=True)[1].loops[0].patch
-    collar = collar_of(PatchedMesh(TriangleMesh(*mesh)), loop.vertex_ids, film)
+    loop, film, collar = with_film(mesh)
     monkeypatch.setattr("spinor_geom.fill.continuation.remesh", lambda *_, **__: fan(loop))
     moved = continue_patch(film, collar, GRADED)
     assert len(moved.patch.vertices) > len(loop)
@@ -364,9 +368,7 @@ def test_a_continuation_that_cannot_be_remeshed_is_kept(
     monkeypatch: pytest.MonkeyPatch, failing: str, error: SpinorGeomError
 ) -> None:
     mesh = without(icosphere(3), centres(icosphere(3))[:, 2] > -0.3)
-    loop = boundary_loops(mesh)[0]
-    film = fill_hole(mesh, return_report=True)[1].loops[0].patch
-    collar = collar_of(PatchedMesh(TriangleMesh(*mesh)), loop.vertex_ids, film)
+    _, film, collar = with_film(mesh)
     # at rest, but with triangles stretched by more than 2, so that it is meshed again
     first, calls = replace(minimised_curvature(film, collar), next_step=0.0, stretch=3.0), []
 
@@ -391,9 +393,7 @@ def test_a_patch_whose_domain_of_angles_cannot_be_meshed_is_continued(
     monkeypatch: pytest.MonkeyPatch, error: SpinorGeomError
 ) -> None:
     hole = list(reported_bowls())[1]
-    loop = boundary_loops((hole.vertices, hole.faces))[0]
-    film = fill_hole((hole.vertices, hole.faces), return_report=True)[1].loops[0].patch
-    collar = collar_of(PatchedMesh(TriangleMesh(hole.vertices, hole.faces)), loop.vertex_ids, film)
+    _, film, collar = with_film((hole.vertices, hole.faces))
     calls = []
 
     def fails(*arguments: object) -> Patch:
@@ -410,9 +410,7 @@ def test_a_patch_whose_domain_of_angles_cannot_be_meshed_is_continued(
 
 def test_a_continuation_out_of_time_is_the_best_so_far(monkeypatch: pytest.MonkeyPatch) -> None:
     mesh = without(icosphere(3), centres(icosphere(3))[:, 2] > -0.6)
-    loop = boundary_loops(mesh)[0]
-    film = fill_hole(mesh, return_report=True)[1].loops[0].patch
-    collar = collar_of(PatchedMesh(TriangleMesh(*mesh)), loop.vertex_ids, film)
+    _, film, collar = with_film(mesh)
     with time_limit(0.0), pytest.raises(OutOfTimeError):
         continue_patch(film, collar, GRADED)
     real, left = fairing.factor_symmetric, [3]  # for two thin plates and the first Newton step
@@ -473,12 +471,6 @@ def test_auto_takes_the_continuation_if_the_film_intersects() -> None:
     assert film.intersections or film.faces_replaced
     assert smooth.kind == "smooth"
     assert smooth.intersections == 0
-
-
-@pytest.mark.parametrize("continuity", ["C2", None, {0: "C2"}, {"0": "C0"}, {True: "C0"}, {2: "C1"}, {-1: "C1"}])
-def test_an_unknown_continuity_is_refused(continuity: Any) -> None:
-    with pytest.raises(LoopIndexError if continuity in ({2: "C1"}, {-1: "C1"}) else OptionError):
-        fill_hole(tube(), continuity=continuity)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,6 @@ import pytest
 import trimesh
 
 from spinor_geom.adapters import read_mesh
-from spinor_geom.errors import OptionError
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.loop_choice import boundary_loops
 from spinor_geom.mesh.topology import is_watertight, near_vertices
@@ -210,12 +209,6 @@ def test_no_two_corners_of_a_face_are_merged() -> None:
         place = near_vertices(points, np.full(60, scale), faces)
         corners = np.sort(place[faces], axis=1)
         assert (np.diff(corners, axis=1) > 0).all()
-
-
-@pytest.mark.parametrize(("merge", "error"), [(-1.0, OptionError), (np.nan, OptionError), ("a", OptionError)])
-def test_a_distance_that_is_none_is_refused(merge: float, error: type[Exception]) -> None:
-    with pytest.raises(error, match="merge must be"):
-        fill_hole(box(1, 1), merge=merge)
 
 
 SEAMS = {

@@ -21,6 +21,7 @@ from spinor_geom.mesh.intersections import (
     self_intersections,
 )
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from tests.mesh.test_find_loops import grid
 from tests.strategies import SEEDS, RigidMotion, rigid_motions, smooth_loops
 
 Point: TypeAlias = tuple[Fraction, ...]
@@ -186,17 +187,8 @@ def boxes_meet(f: np.ndarray, g: np.ndarray) -> bool:
     return bool(((f.min(axis=0) <= g.max(axis=0)) & (g.min(axis=0) <= f.max(axis=0))).all())
 
 
-def grid(size: int) -> tuple[np.ndarray, np.ndarray]:
-    """A square of size × size vertices in a plane, every quad divided."""
-    x, y = np.meshgrid(np.arange(size, dtype=float), np.arange(size, dtype=float))
-    corner = (np.arange(size - 1)[:, None] * size + np.arange(size - 1)).ravel()
-    right, up, across = corner + 1, corner + size, corner + size + 1
-    faces = np.concatenate([np.column_stack([corner, right, across]), np.column_stack([corner, across, up])])
-    return np.column_stack([x.ravel(), y.ravel(), np.zeros(size * size)]), faces
-
-
 def crumpled(seed: int, size: int = 9) -> tuple[np.ndarray, np.ndarray]:
-    vertices, faces = grid(size)
+    vertices, faces = grid(size - 1, size - 1)
     return vertices + 0.7 * np.random.default_rng(seed).normal(size=vertices.shape), faces
 
 
