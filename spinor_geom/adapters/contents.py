@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import numpy as np
@@ -17,6 +17,7 @@ from spinor_geom.mesh.triangle_mesh import MeshExtension
 
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"  # what some editors put before UTF-8 text
 LONGEST_PROBLEM = 240  # characters
+UV = "texture coordinates"
 MOST_CHANGE = 1e-3  # of an edge, by rounding to single precision, relative to its length
 Value = TypeVar("Value")
 METRES = {"micron": 1e-6, "millimeter": 1e-3, "centimeter": 1e-2, "inch": 0.0254, "foot": 0.3048, "meter": 1.0}
@@ -44,6 +45,8 @@ class FileContents:
     polyline_names: tuple[str, ...] = ()  # for each curve the name of its first piece
     appearance: Appearance | None = None  # materials and textures; None if the file has none
     several: tuple[str, ...] = ()  # "texture coordinates" or "normals", where a vertex has several, so no attribute
+    # texture coordinates where a vertex has several, and the index into them of each corner of the faces that were read
+    corner_uv: tuple[Float[np.ndarray, "n k"], Int[np.ndarray, " c"]] | None = None
     unit: str = ""  # of lengths, one of `METRES`, if the format has units
     # the places of vertices that are NaN or infinite, as "line 12", by index; may be empty
     nonfinite_places: Mapping[int, str] = field(default_factory=dict)
@@ -63,6 +66,38 @@ class FileContents:
         """Points and curves alone."""
         none = Polygons.of_triangles(np.zeros((0, 3), dtype=np.int64))
         return cls(vertices=vertices, polygons=none, representatives=np.arange(len(vertices)), polylines=polylines)
+
+    def split(self) -> FileContents:
+        """The contents with the attribute "uv" in place of `corner_uv`: its vertices have one "uv" each.
+
+        A vertex that has several keeps its index for one of them and is repeated after the others. All corners of a
+        new face have the texture coordinates of the old vertex nearest to its centre, so that it has one colour.
+        """
+        if self.corner_uv is None:
+            return self
+        from scipy.spatial import KDTree  # slow to import
+
+        (table, own), corners = self.corner_uv, self.polygons.corners
+        if len(corners) > len(own):
+            used, first = np.unique(corners[: len(own)], return_index=True)
+            centres = self.vertices[corners[len(own) :].reshape(-1, 3)].mean(axis=1)
+            own = np.append(own, np.repeat(own[first[KDTree(self.vertices[used]).query(centres)[1]]], 3))
+        pairs, pair_of = np.unique(corners * len(table) + own, return_inverse=True)
+        vertex, row = np.divmod(pairs, len(table))
+        repeated = np.diff(vertex, prepend=-1) == 0
+        place = np.where(repeated, len(self.vertices) - 1 + np.cumsum(repeated), vertex)
+        source = np.append(np.arange(len(self.vertices)), vertex[repeated])
+        uv = np.zeros((len(source), table.shape[1]))
+        uv[place] = table[row]
+        return replace(
+            self,
+            vertices=self.vertices[source],
+            polygons=Polygons(corners=place[pair_of], starts=self.polygons.starts),
+            attributes={**{name: values[source] for name, values in self.attributes.items()}, "uv": uv},
+            representatives=self.representatives[source],
+            several=tuple(what for what in self.several if what != UV),
+            corner_uv=None,
+        )
 
 
 def malformed(place: str, problem: str, advice: str = "check that the file is complete") -> MeshFileError:

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinor_geom.adapters.contents import FileContents, is_held_in_single_precision, malformed
+from spinor_geom.adapters.contents import UV, FileContents, is_held_in_single_precision, malformed
 from spinor_geom.adapters.glb import encode_glb, glb_offset, names_in_glb, read_glb
 from spinor_geom.adapters.library_files import encode_vtk, read_vtk
 from spinor_geom.adapters.obj import encode_obj, material_library, read_obj
@@ -176,6 +176,7 @@ class MeshFile(Shown):
             face_loops=None,
             polylines=tuple(new_index[curve] for curve in self.polylines),
             notes=(*self.notes, *notes),
+            corner_uv=None,
             suffix="",
         )
         return MeshFile.of_contents(contents, path=self.path)
@@ -195,6 +196,8 @@ class MeshFile(Shown):
         """
         target = Path(path)
         suffix = known_suffix(target)
+        if self._splits(suffix):
+            return (*self._split().write(path), *self._colours_of_new_faces(f"{target}: "))
         told, files, texture = self._appearance_in(suffix)
         notes = [*self._left_out(suffix), *told]
         if texture is not None:
@@ -246,8 +249,23 @@ class MeshFile(Shown):
             reason = "vertices have no texture coordinates of their own"
         return [*notes, *named.notes, f"the materials and textures are left out: {reason}"], {}, None
 
+    def _splits(self, suffix: str) -> bool:
+        """Whether texture coordinates of corners become those of vertices when a format is written."""
+        return self.contents.corner_uv is not None and suffix in TEXTURED and not self._follows(suffix)
+
+    def _split(self) -> MeshFile:
+        return replace(self, contents=self.contents.split())
+
+    def _colours_of_new_faces(self, place: str = "") -> list[str]:
+        added = len(self.polygons) > self.read_sizes[1]
+        return [
+            f"{place}each new face has the colour of the nearest old vertex, because some have several {UV}"
+        ] * added
+
     def left_out(self, suffix: str) -> tuple[str, ...]:
         """A sentence for each attribute that a file of a format (such as ".ply") cannot hold, and as for `write`."""
+        if self._splits(suffix):
+            return (*self._split().left_out(suffix), *self._colours_of_new_faces())
         return (*self._left_out(suffix), *self._appearance_in(suffix)[0]) if suffix in FORMATS else ()
 
     def _left_out(self, suffix: str) -> tuple[str, ...]:

@@ -18,6 +18,7 @@ from jaxtyping import Float, Int
 
 from spinor_geom.adapters.contents import (
     BYTE_ORDER_MARK,
+    UV,
     FileContents,
     color_scale_of,
     convert_words,
@@ -78,7 +79,7 @@ def _library_names(text: bytes) -> tuple[str, ...]:
         return ()
     lines = (match[1].decode("utf-8", "replace") for match in LIBRARY_LINE.finditer(text))
     return tuple(
-        dict.fromkeys(name.strip() for line in lines for name in re.split(r"(?<=\.mtl)\s", line) if name.strip())
+        dict.fromkeys(name.strip() for line in lines for name in re.split(r'(?<=\.mtl)"?\s', line) if name.strip())
     )
 
 
@@ -162,12 +163,17 @@ class _Reader:
         attributes = {}
         if self.widths[b"v"] in COLORED:
             attributes["color"] = np.concatenate([rows[:, 3:] for rows in self.values[b"v"]])
-        corner_indices, several = {}, []
+        corner_indices, several, corner_uv = {}, [], None
         for column, name, key in ((1, "uv", b"vt"), (2, "normal", b"vn")):
             own = _index_of_each_vertex(faces[0][:, 0], faces[0][:, column], len(vertices), self.counts[key])
             widths = self.widths[key]
             if own is None and (faces[0][:, column] >= 0).any():
-                several.append({"uv": "texture coordinates", "normal": "normals"}[name])
+                several.append({"uv": UV, "normal": "normals"}[name])
+                indices = faces[0][:, column]
+                if name == "uv" and len(widths) == 1 and 0 <= indices.min() <= indices.max() < self.counts[key]:
+                    if key in self.unreadable:
+                        raise self.unreadable[key]
+                    corner_uv = np.concatenate(self.values[key]), indices
             if own is not None and len(widths) == 1 and (widths == {3} if name == "normal" else 0 not in widths):
                 if key in self.unreadable:
                     raise self.unreadable[key]
@@ -176,7 +182,7 @@ class _Reader:
         pieces = np.split(curves[0][:, 0], np.cumsum(curves[1])[:-1]) if len(curves[1]) else []
         chains, names = chained(pieces), tuple(self.names)
         count = {"uv": self.counts[b"vt"], "normal": self.counts[b"vn"]}
-        indices = {name: (own, count[name]) for name, own in corner_indices.items()}
+        own_indices = {name: (own, count[name]) for name, own in corner_indices.items()}
         return FileContents(
             vertices=vertices,
             polygons=Polygons.of_sizes(faces[0][:, 0], faces[1]),
@@ -189,8 +195,9 @@ class _Reader:
             polyline_names=tuple(names[curves[3][first]] for first, _ in chains),
             nonfinite_places=self.nonfinite_places,
             several=tuple(several),
+            corner_uv=corner_uv,
             suffix=".obj",
-            appended=partial(_appended, data, newline * ending, newline, "color" in attributes, indices),
+            appended=partial(_appended, data, newline * ending, newline, "color" in attributes, own_indices),
         )
 
 

@@ -21,6 +21,7 @@ EMBEDDED = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}  #
 MOST_BYTES, MOST_PIXELS = 1 << 30, 1 << 28  # of all files of one mesh, and of one image
 MOST_FILES = 256  # that are looked for
 _IMAGE = re.compile(r"(map_\w+|bump|disp|decal|refl|norm)\s+(.+)", re.IGNORECASE)
+_QUOTED = re.compile(r'^.*(?="[^"]+"$)')  # what stands before a quoted name
 _COLOUR_IMAGE = "map_kd"
 
 
@@ -67,8 +68,9 @@ class Companions:
             inside = PurePosixPath(library).parent
             for line in found.files[library].decode("utf-8", "replace").splitlines():
                 if match := _IMAGE.fullmatch(line.strip()):
-                    # after options, which begin with −, names have no spaces
-                    own = match[2].split()[-1] if match[2].startswith("-") else match[2]
+                    # after options, which begin with −, names have no spaces, or are quoted
+                    has_options = match[2].startswith("-") and not match[2].endswith('"')
+                    own = match[2].split()[-1] if has_options else _QUOTED.sub("", match[2])
                     image = str(inside / _slashes(own))
                     found._add(image, IMAGES)
                     if match[1].lower() == _COLOUR_IMAGE:
@@ -104,8 +106,8 @@ class _RefusedError(Exception):
 
 
 def _slashes(name: str) -> str:
-    """A name with slashes instead of backslashes, without parts that are a dot."""
-    text = name.strip().replace("\\", "/")
+    """A name with slashes instead of backslashes, without quotes around it and parts that are a dot."""
+    text = name.strip().strip('"').replace("\\", "/")
     return text if text.startswith("/") else str(PurePosixPath(text))
 
 

@@ -14,12 +14,16 @@ import trimesh
 from spinor_geom import fill_hole, read_mesh
 from spinor_geom.adapters import MeshFile, textures
 from spinor_geom.cli.main import main
+from spinor_geom.mesh.find_loops import find_boundary_loops
 
 CUBE = (
     "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 1\nv 1 0 1\nv 1 1 1\nv 0 1 1\n"
     "vt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nvt .2 .2\nvt .8 .2\nvt .8 .8\nvt .2 .8\nusemtl skin\n"
     "f 4/4 3/3 2/2 1/1\nf 1/1 2/2 6/6 5/5\nf 2/2 3/3 7/7 6/6\nf 3/3 4/4 8/8 7/7\nf 4/4 1/1 5/5 8/8\n"
 )
+
+ICOSAHEDRON = trimesh.creation.icosphere(subdivisions=1)
+ICO = ICOSAHEDRON.faces.tolist()
 
 
 def png(width: int = 1, height: int = 1) -> bytes:
@@ -70,15 +74,46 @@ def test_uv_and_image_go_through_formats(path: tuple[str, ...], tmp_path: Path) 
     assert got == wanted
 
 
+@pytest.mark.parametrize("path", [(".glb", ".obj"), (".ply", ".glb"), (".glb", ".ply", ".obj")])
+def test_texture_seams_go_through_formats(path: tuple[str, ...], tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    corners = [[(v, uv) for v, uv in zip(face, rng.random((3, 2)).round(4), strict=True)] for face in ICO[:-1]]
+    source = textured(tmp_path / "in", library='"skin.mtl"', image='-s 1 1 1 "maps/the skin.png"')
+    (source.parent / "maps" / "skin.png").rename(source.parent / "maps" / "the skin.png")
+    lines = [f"vt {uv[0]} {uv[1]}\n" for face in corners for _, uv in face]
+    lines += [
+        f"f {' '.join(f'{v + 1}/{3 * k + i + 1}' for i, (v, _) in enumerate(f))}\n" for k, f in enumerate(corners)
+    ]
+    head = 'mtllib "skin.mtl"\n' + "".join(f"v {x} {y} {z}\n" for x, y, z in ICOSAHEDRON.vertices.round(4))
+    source.write_text(head + "".join(lines))
+    mesh = fill_hole(source)
+    assert isinstance(mesh, MeshFile)
+    old, wanted = len(corners), [(*mesh.mesh.vertices[v], *uv) for face in corners for v, uv in face]
+    for number, suffix in enumerate(path):
+        (tmp_path / str(number)).mkdir()
+        notes = mesh.write(tmp_path / str(number) / f"mesh{suffix}")
+        assert [note for note in notes if "each new face has the colour of the nearest" not in note] == []
+        assert len(notes) == (number == 0)
+        mesh = read_mesh(tmp_path / str(number) / f"mesh{suffix}")
+        assert find_boundary_loops(mesh.mesh) == []
+        contents = mesh.contents.split()
+        got = np.hstack([contents.vertices, contents.attributes["uv"]])[contents.polygons.corners]
+        np.testing.assert_allclose(got[: 3 * old], wanted, atol=1e-6)
+        new = got[3 * old :, 3:].reshape(-1, 3, 2)
+        assert len(new)
+        assert np.ptp(new, axis=1).max() < 1e-6
+        image = mesh.path.with_suffix(".png") if suffix != ".glb" else None
+        assert image is None or image.read_bytes() == png()
+
+
 def test_what_is_lost_is_told(tmp_path: Path) -> None:
     mesh = read_mesh(textured(tmp_path / "in"))
     for suffix in (".stl", ".off"):
         assert any("textures are left out" in note for note in mesh.write(tmp_path / f"mesh{suffix}"))
-    (tmp_path / "in" / "seam.obj").write_text("mtllib skin.mtl\n" + CUBE + "f 5/1 6/2 7/3\n")
-    seam = read_mesh(tmp_path / "in" / "seam.obj")
-    notes = " ".join(seam.write(tmp_path / "seam.glb"))
-    assert "texture coordinates are left out: some vertices have several" in notes
-    assert "textures are left out" in notes
+    seam = tmp_path / "in" / "seam.obj"
+    seam.write_text(f"mtllib skin.mtl\n{CUBE}vn 0 0 1\nf 5/1/1 6/2/1 7/3/1\n")
+    notes = " ".join(read_mesh(seam).write(tmp_path / "seam.glb"))
+    assert "normals are left out: some vertices have several" in notes
     assert any("new faces have no texture coordinates" in note for note in fill_hole(seam).write(tmp_path / "s.obj"))
 
 
