@@ -57,7 +57,7 @@ def publish(records: Sequence[Record]) -> None:
                 short = {name: float(f"{v:.4g}") if isinstance(v, float) else v for name, v in kept.items()}
                 short["case"] = record["case"].rpartition("/")[2]
                 whole[key(short)] = short
-        write_text(HERE / f"{suite}.csv", csv_text(side_by_side(list(whole.values()))))
+        write_text(HERE / f"{suite}.csv", csv_text(list(whole.values())))
 
 
 def is_used(record: Record) -> bool:
@@ -78,38 +78,13 @@ def key(record: Record) -> tuple[object, ...]:
     return tuple(record.get(name) for name in ("suite", "case", "method", "n"))
 
 
-def side_by_side(records: Sequence[Record]) -> list[Record]:
-    """One row for each case: first the fields in which all methods agree, then "METHOD FIELD" for the others."""
-    rows: dict[tuple[object, ...], list[Record]] = defaultdict(list)
-    for record in records:
-        rows[record["case"], record.get("n")].append(record)
-    names = dict.fromkeys(name for record in records for name in record)
-    shared = [name for name in names if all(len({str(r.get(name)) for r in row}) == 1 for row in rows.values())]
-    own = [name for name in names if name not in (*shared, "method")]
-    return [
-        {name: row[0].get(name) for name in shared}
-        | {f"{r['method']} {name}": r.get(name) for r in row for name in own}
-        for row in rows.values()
-    ]
-
-
 def read(suite: str) -> list[Record]:
     """The published records of a suite, without the fields of empty cells."""
     path = HERE / f"{suite}.csv"
     if not path.exists():
         return []
-    records: list[Record] = []
     with open(path, encoding="utf-8", newline="") as file:
-        for row in csv.DictReader(file):
-            shared: Record = {}
-            methods: dict[str, Record] = {}
-            for name, text in row.items():
-                method, space, field = name.partition(" ")
-                if text:
-                    target = methods.setdefault(method, {"method": method}) if space else shared
-                    target[field or name] = _value(text)
-            records += [{**shared, **fields} for fields in methods.values()] or [shared]
-    return records
+        return [{name: _value(text) for name, text in row.items() if text} for row in csv.DictReader(file)]
 
 
 def _value(text: str) -> object:
