@@ -218,10 +218,6 @@ class FirstFillError(SpinorGeomError):
     """No discrete disk over the loop was found."""
 
 
-class NoConnectedSurfaceFoundError(SpinorGeomError):
-    sentence = "{reason}; solve the curves one by one"
-
-
 class OutOfTimeError(SpinorGeomError):
     sentence = "no surface was found within the time limit; raise time_limit (--time-limit)"
 

@@ -19,7 +19,7 @@ from spinor_geom.batching.store import STATUSES, Writer, failure
 from spinor_geom.comparison import compare
 from spinor_geom.errors import LoopTooShortError, OpenCurveError, SpinorGeomError
 from spinor_geom.files import safe_name
-from spinor_geom.fill.fill_loop import Stopwatch, fill_loop, unfilled
+from spinor_geom.fill.fill_loop import fill_loop, unfilled
 from spinor_geom.fill.fill_options import FillOptions
 from spinor_geom.fill.fill_result import LoopOutcome
 from spinor_geom.fill.filling import Filling
@@ -30,6 +30,7 @@ from spinor_geom.fill.solved_loops import SolvedLoop
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.triangle_mesh import TriangleMesh, require_faces
 from spinor_geom.plateau.solution import PlateauSolution
+from spinor_geom.plateau.steps import Clock
 
 OUTLINE_POINTS = 48  # of a loop in a record: enough for a thumbnail
 LONGEST_LABEL = 60  # characters of a loop's name in the name of a file
@@ -50,7 +51,7 @@ class FileTask:
 
     def __init__(self, data: bytes, source: Source, options: BatchOptions, fill_options: FillOptions) -> None:
         """Reads the file and finds its loops; raises the SpinorGeomError of `fill_hole` if there is nothing to do."""
-        self.source, self._options, self._fill_options, self._clock = source, options, fill_options, Stopwatch()
+        self.source, self._options, self._fill_options, self._clock = source, options, fill_options, Clock()
         suffix = known_suffix(Path(source.member or source.path))
         if options.format not in (None, "npz"):
             known_suffix(Path(f"filled.{options.format}"))

@@ -12,7 +12,7 @@ from spinor_geom.adapters.mesh_files import known_suffix
 from spinor_geom.adapters.open_cascade import is_cad_file, require_cad_suffix
 from spinor_geom.cli.console import ExitStatus, complain, progress, show_lines
 from spinor_geom.cli.source import require_writable
-from spinor_geom.errors import MeshFileError, NoConnectedSurfaceFoundError, OptionError
+from spinor_geom.errors import MeshFileError, OptionError, SurfaceError
 from spinor_geom.files import MESH_SUFFIXES
 from spinor_geom.fill.loop_choice import boundary_loops, chosen_indices
 from spinor_geom.fill.obj_curves import NamedLoop, curve_loops
@@ -49,7 +49,7 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
             curves[0] if len(curves) == 1 else curves, tolerance=tolerance, time_limit=arguments.time_limit
         )
         if isinstance(solution, NoConnectedSurface):
-            raise NoConnectedSurfaceFoundError(reason=solution.reason)
+            raise SurfaceError(f"{solution.reason}; solve the curves one by one")
         arguments.output.parent.mkdir(parents=True, exist_ok=True)
         bar.stage("mesh" if is_mesh else "patches")
         facts, problem = (_write_mesh if is_mesh else _write_patches)(solution, arguments)

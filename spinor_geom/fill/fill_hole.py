@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict, TypeVar, o
 
 from spinor_geom.adapters import MeshFile, read_mesh, to_mesh
 from spinor_geom.errors import ImperfectFillWarning
-from spinor_geom.fill.fill_loop import Stopwatch
 from spinor_geom.fill.fill_options import TIME_LIMIT, Choice, ContinuityName, FillOptions, Islands, LoopContinuity
 from spinor_geom.fill.fill_result import FillResult, LoopOutcome
 from spinor_geom.fill.filling import Filling
@@ -18,6 +17,7 @@ from spinor_geom.fill.merging import merged
 from spinor_geom.fill.solved_loops import solved_loops
 from spinor_geom.mesh.triangle_mesh import require_faces
 from spinor_geom.plateau.options import Model
+from spinor_geom.plateau.steps import Clock
 from spinor_geom.plateau.threads import one_thread
 
 if TYPE_CHECKING:
@@ -151,7 +151,7 @@ def fill_hole(
         continuity=continuity,
         on_stage=on_stage or (lambda index, stage: None),
     )
-    clock = Stopwatch()
+    clock = Clock()
     source = merged(read_mesh(mesh) if isinstance(mesh, (str, os.PathLike)) else mesh, merge)
     triangles = to_mesh(source)
     require_faces(triangles)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, suppress
 from dataclasses import replace
@@ -41,6 +40,7 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import face_areas
 from spinor_geom.meshing.embed import Patch, edge_length_over, mesh_over_points
 from spinor_geom.plateau.solution import PlateauSolution
+from spinor_geom.plateau.steps import Clock
 
 # reason for a patch of an exact surface that `mesh_over_points` could not refine
 _COARSE = "its mesh of {} vertices has triangles larger than asked for (the limit on time or on vertices)"
@@ -51,24 +51,6 @@ _SECONDS_TO_REPORT = 0.5  # for the intersections of a patch, at least, where it
 def _until(end: float) -> AbstractContextManager[None]:
     """A time limit at a time of `perf_counter`."""
     return time_limit(end - perf_counter())
-
-
-class Stopwatch:
-    """Wall time by stage, added to the seconds `before`."""
-
-    def __init__(self, before: Mapping[str, float] | None = None) -> None:
-        self._last = perf_counter()
-        self._seconds = defaultdict(float, before or {})
-
-    def lap(self, stage: str) -> None:
-        """Adds the time since the last call to a stage."""
-        now = perf_counter()
-        self._seconds[stage] += now - self._last
-        self._last = now
-
-    def seconds(self) -> Mapping[str, float]:
-        """Seconds by stage, and their "total"."""
-        return {**self._seconds, "total": sum(self._seconds.values())}
 
 
 def fill_loop(
@@ -92,7 +74,7 @@ def fill_loop(
     """
     joined_to = next(iter(others), None)
     seconds = 0.0 if solved is None else solved.seconds
-    clock = Stopwatch({"solve": seconds})
+    clock = Clock({"solve": seconds})
     try:
         end = perf_counter() + options.time_limit - seconds
         new = _new_patch(patched, index, (loop, *others.values()), solved, options, clock, end)
@@ -102,7 +84,7 @@ def fill_loop(
         if isinstance(error, TooManyPointsError) and options.target_edge_length != "auto":
             raise
         clock.lap("failed")
-        timings, solution = clock.seconds(), None if solved is None else solved.solution
+        timings, solution = clock.with_total, None if solved is None else solved.solution
         return unfilled(index, loop, error, solution=solution, joined_to=joined_to, timings=timings), None
     patch = new.patch
     clock.lap("attributes")
@@ -127,7 +109,7 @@ def fill_loop(
         patch_intersections=len(new.crossings.patches),
         choice=new.choice,
         remarks=(*loop.remarks, *new.remarks, *new.notes, *lowered, *_without_area(patch)),
-        timings=clock.seconds(),
+        timings=clock.with_total,
     )
     return outcome, LoopPatch(index=index, rim=new.rim, patch=patch, attributes=attributes)
 
@@ -138,7 +120,7 @@ def _new_patch(
     loops: Sequence[BoundaryLoop],
     solved: SolvedLoop | None,
     options: FillOptions,
-    clock: Stopwatch,
+    clock: Clock,
     end: float,
 ) -> NewPatch:
     """A patch to be joined to the mesh: a film or, unless `continuity` is "C0", a continuation if it is good."""
@@ -195,7 +177,7 @@ def _film(
     loops: Sequence[BoundaryLoop],
     solved: SolvedLoop,
     options: FillOptions,
-    clock: Stopwatch,
+    clock: Clock,
     end: float,
 ) -> NewPatch:
     """A minimal or discrete surface, or a strip, without intersections that can be avoided."""
@@ -219,7 +201,7 @@ def _film(
 
 
 def _fitted(
-    patched: PatchedMesh, index: int, new: NewPatch, options: FillOptions, clock: Stopwatch, end: float
+    patched: PatchedMesh, index: int, new: NewPatch, options: FillOptions, clock: Clock, end: float
 ) -> tuple[NewPatch, float]:
     """A patch fitted to the mesh, and the seconds of the search for its intersections."""
     options.on_stage(index, "crossings")

@@ -10,7 +10,7 @@ from spinor_geom.adapters import MeshFile, extend
 from spinor_geom.errors import SpinorGeomError
 from spinor_geom.fill.borders import require_no_border
 from spinor_geom.fill.bridges import fill_between, planned_joins
-from spinor_geom.fill.fill_loop import Stopwatch, fill_loop, unfilled
+from spinor_geom.fill.fill_loop import fill_loop, unfilled
 from spinor_geom.fill.fill_options import Choice, FillOptions
 from spinor_geom.fill.fill_result import FillResult, LoopOutcome
 from spinor_geom.fill.loop_choice import chosen_indices, reasons_to_leave_open
@@ -22,6 +22,7 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.find_loops import Sheets, find_boundary_loops
 from spinor_geom.mesh.topology import is_watertight_with
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.plateau.steps import Clock
 
 
 class Filling:
@@ -115,7 +116,7 @@ class Filling:
         return [outcomes[index] for index in range(len(self.loops))], patches
 
     def result(
-        self, source: Any, outcomes: Sequence[LoopOutcome], patches: Sequence[LoopPatch], clock: Stopwatch
+        self, source: Any, outcomes: Sequence[LoopOutcome], patches: Sequence[LoopPatch], clock: Clock
     ) -> FillResult:
         """The report, with the filled mesh in the type of `source`, from which the mesh was made."""
         extension = stitch(self.mesh, patches)
@@ -129,7 +130,7 @@ class Filling:
             loops=tuple(outcomes),
             notes=(*(source.notes if isinstance(source, MeshFile) else ()), *self.mesh_notes),
             watertight=watertight,
-            timings=clock.seconds(),
+            timings=clock.with_total,
         )
 
 

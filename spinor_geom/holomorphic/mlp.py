@@ -193,9 +193,8 @@ class Linearisation:
     """
 
     inputs: tuple[Complex[Tensor, "2 n _"], ...]  # of each layer, (2, n, in)
-    sensitivities: tuple[
-        Complex[Tensor, "2 n _"], ...
-    ]  # derivatives of the output with respect to each layer's W h + b, (2, n, out)
+    # derivatives of the output with respect to each layer's W h + b, (2, n, out)
+    sensitivities: tuple[Complex[Tensor, "2 n _"], ...]
     value: Complex[Tensor, "n 2"]  # p and q
 
     def kernel(self) -> Complex[Tensor, "2 n n"]:

@@ -63,8 +63,7 @@ def typed_failures() -> Iterator[None]:
     try:
         yield
     except (np.linalg.LinAlgError, RuntimeError) as error:
-        if not type(error).__name__.endswith(
-            "LinAlgError"
-        ):  # that of torch, which need not be imported, is a RuntimeError
+        # that of torch, which need not be imported, is a RuntimeError
+        if not type(error).__name__.endswith("LinAlgError"):
             raise
         raise UnsolvableError(reason=str(error).splitlines()[0].rstrip(".")) from error

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import Literal
 
 from spinor_geom.deadline import is_out_of_time
@@ -67,10 +68,22 @@ class Steps:
 
 
 class Clock:
-    """Wall time of named stages, added up."""
+    """Wall time of named stages, added up, in `seconds`."""
 
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
+    def __init__(self, before: Mapping[str, float] = MappingProxyType({})) -> None:
+        """Starts with the seconds `before`."""
+        self.seconds, self._last = dict(before), time.perf_counter()
+
+    def lap(self, name: str) -> None:
+        """Adds the time since the last call to a stage."""
+        now = time.perf_counter()
+        self.add(name, now - self._last)
+        self._last = now
+
+    @property
+    def with_total(self) -> dict[str, float]:
+        """Seconds by stage, and their "total"."""
+        return {**self.seconds, "total": sum(self.seconds.values())}
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
@@ -84,9 +97,7 @@ class Clock:
 
     def copied(self) -> Clock:
         """A copy."""
-        clock = Clock()
-        clock.seconds.update(self.seconds)
-        return clock
+        return Clock(self.seconds)
 
     def add(self, name: str, seconds: float) -> None:
         """Adds time to a stage."""
