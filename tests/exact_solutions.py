@@ -66,32 +66,3 @@ def with_stability(solution: PlateauSolution, stability: Stability) -> PlateauSo
     evidence = Evidence(make=lambda: solution.surface)
     evidence.__dict__["stability"] = stability
     return replace(solution, evidence=evidence)
-
-
-def k_noid(k: int, radius: float, points: int = 64) -> tuple[list[BoundaryLoop], float]:
-    """Rims of a piece of the Jorge-Meeks surface with k ends, and its area.
-
-    The piece is the sphere without disks of a given radius about the roots of zᵏ = 1; g = zᵏ⁻¹, f = 1/(zᵏ − 1)².
-    """
-    nodes, weights = np.polynomial.legendre.leggauss(200)
-    nodes, weights = (nodes + 1) / 2, weights / 2
-
-    def phi(z):
-        f, g = 1 / (z**k - 1) ** 2, z ** (k - 1)
-        return np.stack([f * (1 - g * g) / 2, 1j * f * (1 + g * g) / 2, f * g], axis=-1)
-
-    def position(z, root):
-        # along two segments that pass by the roots
-        between = root * np.exp(1j * np.pi / k * np.where((z / root).imag >= 0, 1, -1))
-        first = np.einsum("g,ngk->nk", weights, phi(between[:, None] * nodes) * between[:, None, None])
-        step = (z - between)[:, None]
-        return (first + np.einsum("g,ngk->nk", weights, phi(between[:, None] + step * nodes) * step[..., None])).real
-
-    rims, area, fine = [], 0.0, np.exp(-2j * np.pi * np.arange(512) / 512)
-    for root in np.exp(2j * np.pi * np.arange(k) / k):
-        z = root * (1 + radius * fine)
-        velocity = phi(z) * (-2j * np.pi * root * radius * fine)[:, None]
-        area += 0.5 * float((position(z, root) * velocity.imag).sum(axis=1).mean())
-        turns = np.exp(-2j * np.pi * np.arange(points) / points)
-        rims.append(BoundaryLoop.from_points(position(root * (1 + radius * turns), root), corners=()))
-    return rims, area

@@ -37,119 +37,58 @@ from tests.fill.shapes import folded_quad, tube
 Pair = tuple[np.ndarray, np.ndarray]
 
 
-def with_nan() -> Pair:
-    vertices, faces = tube()
-    vertices[5, 1] = np.nan
-    return vertices, faces
+V, F = tube()
 
 
-def with_infinity() -> Pair:
-    vertices, faces = tube()
-    vertices[5] = np.inf
-    return vertices, faces
+def put(array: np.ndarray, place: object, value: object) -> np.ndarray:
+    """A copy with another entry."""
+    changed = array.copy()
+    changed[place] = value
+    return changed
 
 
-def with_index_out_of_range() -> Pair:
-    vertices, faces = tube()
-    faces[7, 2] = 48
-    return vertices, faces
+NAN = put(V, (5, 1), np.nan), F
+SOUP = V[F.ravel()], np.arange(F.size).reshape(-1, 3)
+REFUSED: dict[str, tuple[Pair, type[SpinorGeomError], str]] = {
+    "NaN": (NAN, NonFiniteVertexError, "vertex 5"),
+    "infinity": ((put(V, 5, np.inf), F), NonFiniteVertexError, "vertex 5"),
+    "index out of range": ((V, put(F, (7, 2), 48)), VertexIndexError, "face 7 has vertex index 48"),
+    "negative index": ((V, put(F, (7, 0), -1)), VertexIndexError, "face 7 has vertex index -1"),
+    "soup": (SOUP, DuplicateVertexError, "--merge"),
+    "points alone": ((V, np.empty((0, 3), dtype=int)), NoFacesError, "48 vertices but no faces"),
+    "far too small": ((1e-150 * V, F), MeshExtentError, "extent of 2.0e-150"),
+    "far too large": ((1e100 * V, F), MeshExtentError, "scale the mesh"),
+    "flat vertices": ((V[:, :2], F), MeshShapeError, "vertices"),
+    "real faces": ((V, F + 0.5), MeshShapeError, "faces"),
+}
+BOTH = ["minimal", "minimal"]
+UNFIT: dict[str, tuple[Pair, str, list[str]]] = {
+    "degenerate": ((V, np.vstack([F, [3, 3, 4]])), "face 64", BOTH),
+    "duplicate": ((V, np.vstack([F, F[9, [1, 2, 0]]])), "9, 64", BOTH),
+    "flipped": ((V, put(F, 9, F[9, ::-1])), "first face 9", BOTH),
+    "three at a rim's edge": (
+        (np.vstack([V, [[3.0, 0, 0]]]), np.vstack([F, [F[0, 0], F[0, 2], 48]])),
+        r"edge \(17, 0\) has the faces",
+        [*BOTH, "None"],
+    ),
+}
 
 
-def with_negative_index() -> Pair:
-    vertices, faces = tube()
-    faces[7, 0] = -1
-    return vertices, faces
+@pytest.mark.parametrize(("broken", "error", "words"), REFUSED.values(), ids=REFUSED)
+def test_a_broken_mesh_is_refused_by_name(broken: Pair, error: type[SpinorGeomError], words: str) -> None:
+    for function in (fill_hole, boundary_loops):
+        with pytest.raises(error, match=words):
+            function(broken)
 
 
-def with_degenerate_face() -> Pair:
-    vertices, faces = tube()
-    return vertices, np.vstack([faces, [3, 3, 4]])
-
-
-def with_duplicate_face() -> Pair:
-    vertices, faces = tube()
-    return vertices, np.vstack([faces, faces[9, [1, 2, 0]]])
-
-
-def with_flipped_face() -> Pair:
-    vertices, faces = tube()
-    faces[9] = faces[9, ::-1]
-    return vertices, faces
-
-
-def with_three_faces_at_a_rim_edge() -> Pair:
-    vertices, faces = tube()
-    a, b = faces[0, 0], faces[0, 2]
-    return np.vstack([vertices, [[3.0, 0.0, 0.0]]]), np.vstack([faces, [a, b, 48]])
-
-
-def as_soup() -> Pair:
-    vertices, faces = tube()
-    return vertices[faces.ravel()], np.arange(faces.size).reshape(-1, 3)
-
-
-def points_alone() -> Pair:
-    return tube()[0], np.empty((0, 3), dtype=int)
-
-
-def far_too_small() -> Pair:
-    return tube()[0] * 1e-150, tube()[1]
-
-
-def far_too_large() -> Pair:
-    return tube()[0] * 1e100, tube()[1]
-
-
-def with_flat_vertices() -> Pair:
-    vertices, faces = tube()
-    return vertices[:, :2], faces
-
-
-def with_real_faces() -> Pair:
-    vertices, faces = tube()
-    return vertices, faces + 0.5
-
-
-REFUSED: list[tuple[Callable[[], Pair], type[SpinorGeomError], str]] = [
-    (with_nan, NonFiniteVertexError, "vertex 5"),
-    (with_infinity, NonFiniteVertexError, "vertex 5"),
-    (with_index_out_of_range, VertexIndexError, "face 7 has vertex index 48"),
-    (with_negative_index, VertexIndexError, "face 7 has vertex index -1"),
-    (as_soup, DuplicateVertexError, "--merge"),
-    (points_alone, NoFacesError, "48 vertices but no faces"),
-    (far_too_small, MeshExtentError, "extent of 2.0e-150"),
-    (far_too_large, MeshExtentError, "scale the mesh"),
-    (with_flat_vertices, MeshShapeError, "vertices"),
-    (with_real_faces, MeshShapeError, "faces"),
-]
-
-
-@pytest.mark.parametrize(("broken", "error", "words"), REFUSED)
-def test_a_broken_mesh_is_refused_by_name(broken: Callable[[], Pair], error: type[SpinorGeomError], words: str) -> None:
-    with pytest.raises(error, match=words):
-        fill_hole(broken())
-    with pytest.raises(error, match=words):
-        boundary_loops(broken())
-
-
-@pytest.mark.parametrize(
-    ("broken", "words", "kinds"),
-    [
-        (with_degenerate_face, "face 64", ["minimal", "minimal"]),
-        (with_duplicate_face, "9, 64", ["minimal", "minimal"]),
-        (with_flipped_face, "first face 9", ["minimal", "minimal"]),
-        (with_three_faces_at_a_rim_edge, r"edge \(17, 0\) has the faces", ["minimal", "minimal", "None"]),
-    ],
-)
-def test_faces_that_do_not_fit_at_a_rim_are_reported_with_its_patch(
-    broken: Callable[[], Pair], words: str, kinds: list[str]
-) -> None:
-    _, report = fill_hole(broken(), return_report=True)
+@pytest.mark.parametrize(("broken", "words", "kinds"), UNFIT.values(), ids=UNFIT)
+def test_faces_that_do_not_fit_at_a_rim_are_reported_with_its_patch(broken: Pair, words: str, kinds: list[str]) -> None:
+    _, report = fill_hole(broken, return_report=True)
     assert sorted(map(str, (outcome.kind for outcome in report.loops)), reverse=True) == kinds
     assert any(re.search(words, sentence) for sentence in report.shortcomings), report.shortcomings
     assert not report.watertight
     with pytest.warns(ImperfectFillWarning, match=words):
-        fill_hole(broken())
+        fill_hole(broken)
 
 
 @pytest.mark.parametrize("thing", [None, 3, "a pair", {"v": 1}, np.zeros((3, 3)), (1, 2, 3)])
@@ -276,8 +215,8 @@ BAD_FILES: list[tuple[str, str | bytes]] = [
     ("index.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n"),
     ("mesh.xyz", "0 0 0\n"),
     ("curve.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nl 1 2 3 1\n"),
-    ("nan.obj", obj_text(with_nan())),
-    ("soup.obj", obj_text(as_soup())),
+    ("nan.obj", obj_text(NAN)),
+    ("soup.obj", obj_text(SOUP)),
     ("points.ply", PLY_OF_POINTS),
 ]
 
@@ -375,7 +314,6 @@ WRONG_TYPES = {
     "report of a mesh": lambda: spinor_geom.report((np.eye(3), np.array([[0, 1, 2]]))),
     "Portrait of a number": lambda: Portrait.of(3),
     "read_mesh of an array": lambda: spinor_geom.read_mesh(np.eye(3)),
-    "batch of one loop": lambda: spinor_geom.solve_plateau_batch(LOOP),
 }
 
 

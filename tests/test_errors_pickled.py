@@ -14,9 +14,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import spinor_geom
 from spinor_geom import TriangleMesh, boundary_loops, errors
-from spinor_geom.errors import MeshFileError, NonFiniteVertexError, SpinorGeomError
+from spinor_geom.errors import NonFiniteVertexError, SpinorGeomError
 from spinor_geom.isolate import FaultError
 
 OWN = {  # what types with an `__init__` of their own are made of
@@ -60,14 +59,6 @@ def test_every_type_survives_pickling_and_copying(kind: type[SpinorGeomError]) -
             assert type(again) is kind
             assert (str(again), again.args, again.fields) == (str(error), error.args, error.fields)
             assert vars(again) == vars(error)
-
-
-def test_a_file_error_of_a_nan_survives(tmp_path: Path) -> None:
-    path = tmp_path / "a.obj"
-    path.write_text("v 0 0 0\nv nan 0 0\nv 0 1 0\nf 1 2 3\n")
-    with pytest.raises((MeshFileError, NonFiniteVertexError)) as raised:
-        spinor_geom.read_mesh(path)
-    assert str(pickle.loads(pickle.dumps(raised.value))) == str(raised.value)
 
 
 def test_the_end_of_a_process_survives() -> None:

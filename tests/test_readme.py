@@ -36,11 +36,6 @@ def shell_commands() -> list[list[str]]:
     return [shlex.split(part) for block in blocks for part in block.replace("\\\n", " ").split("&&")]
 
 
-def test_two_blocks_do_everything() -> None:
-    """The first installs and fills, the second installs and tests: .ci/run runs both."""
-    assert [command[0] for command in shell_commands()] == ["python", "spinor-geom", "python", "pytest"]
-
-
 @pytest.mark.slow
 def test_the_first_command_leaves_mesh_report_and_picture(clone: Path) -> None:
     (fill,) = (command for command in shell_commands() if command[0] == "spinor-geom")

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import os
-import re
 import shutil
 import subprocess
 import sys
@@ -155,13 +153,6 @@ def requirements(unpacked: Path) -> list[Requirement]:
     return [Requirement(line) for line in metadata.get_all("Requires-Dist") or ()]
 
 
-def test_torch_is_bounded_so_that_an_install_stays_without_cuda(unpacked: Path) -> None:
-    (torch,) = (one for one in requirements(unpacked) if one.name == "torch")
-    assert "<2.14" in str(torch.specifier)
-    constraint = Requirement((ROOT / "constraints-cpu.txt").read_text(encoding="utf-8").strip())
-    assert (constraint.name, str(constraint.specifier)) == ("torch", "==2.13.0+cpu")
-
-
 # the last version of Python with wheels; of those not named, later than 3.15
 LAST = {"cadquery-ocp-novtk": 14, "cgal": 12, "pymeshlab": 13, "torch": 14}
 
@@ -191,33 +182,6 @@ def test_all_has_the_packages_of_every_feature(unpacked: Path) -> None:
     metadata = Parser().parsestr((info / "METADATA").read_text(encoding="utf-8"))
     (included,) = (one.extras for one in requirements(unpacked) if 'extra == "all"' in str(one.marker))
     assert included == set(metadata.get_all("Provides-Extra")) - {"all", "peers", "docs", "dev"}
-
-
-PLATFORMS = {
-    "linux": ["manylinux_2_28_x86_64", "manylinux_2_27_x86_64", "manylinux_2_17_x86_64", "manylinux2014_x86_64"],
-    "macos": ["macosx_14_0_arm64"],
-    "windows": ["win_amd64"],
-}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("platform", PLATFORMS.values(), ids=PLATFORMS)
-@pytest.mark.parametrize("version", ["3.10", "3.11", "3.12", "3.13", "3.14", "3.15"])
-def test_there_are_wheels_of_all_that_is_required(
-    unpacked: Path, version: str, platform: list[str], tmp_path: Path
-) -> None:
-    if int(importlib.metadata.version("pip").split(".")[0]) < 24:
-        pytest.skip("this pip resolves for its own version of Python only")
-    required = [f"{one.name}{one.specifier}" for one in requirements(unpacked) if one.marker is None]
-    pip = [sys.executable, "-m", "pip"]
-    if subprocess.run([*pip, "download", "--no-deps", "-d", tmp_path, required[0]], capture_output=True).returncode:
-        pytest.skip("pip reaches no package index")
-    options = ["--dry-run", "--ignore-installed", "--only-binary=:all:", "--target", tmp_path]
-    tags = [word for tag in platform for word in ("--platform", tag)]
-    command = [*pip, "install", *options, "--python-version", version, *tags, *required]
-    done = subprocess.run(command, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    assert not re.search(r"Would install.* (torch|pymeshlab|nvidia)", done.stdout)
 
 
 def test_the_wheel_works_away_from_the_source(unpacked: Path, tmp_path: Path) -> None:

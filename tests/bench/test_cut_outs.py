@@ -11,13 +11,12 @@ from spinor_geom.bench.cut_outs import CAPS, PER_SCAN, WINDOWS, named_cut_out, s
 from spinor_geom.bench.fillers import Filled
 from spinor_geom.bench.measured import DISTANCE, cut_out_figures, hole_figures, rim_bend
 from spinor_geom.bench.odd_holes import odd_holes
-from spinor_geom.bench.promises import CAP_DISTANCES, promises
 from spinor_geom.bench.run_tables import pieces_of, scale_of
 from spinor_geom.bench.runner import Settings, chosen_tasks, measure
 from spinor_geom.errors import OptionError
 from spinor_geom.mesh.find_loops import find_boundary_loops
 from spinor_geom.mesh.topology import is_disk, is_watertight
-from tests.bench.test_run import in_this_process, kept
+from tests.bench.test_run import in_this_process
 
 DATA = Path(__file__).parents[2] / "data"
 SHIPPED = ("spot_cut.obj", "mountain.obj", "demosthenes_low_res.obj")
@@ -72,13 +71,6 @@ def test_disks_cut_out_of_a_scan_leave_the_rest_of_it_and_a_simple_rim(scan):
         np.testing.assert_array_equal(rows(filled.vertices, filled.faces), rows(mesh.vertices, mesh.faces))
         # the scan's own boundaries are elsewhere, as they were
         assert len(hole.loops) == len(find_boundary_loops(mesh)) + 1
-
-
-def test_seeds_are_fixed():
-    """The promises hold for these disks; other seeds would give others."""
-    found = {name: named_cut_out(name, DATA) for name in ("spot_cut-00", "mountain-05", "demosthenes_low_res-03")}
-    sizes = {name: (len(cut_out.faces), len(cut_out.hole.rim)) for name, cut_out in found.items()}
-    assert sizes == {"spot_cut-00": (143, 27), "mountain-05": (180, 40), "demosthenes_low_res-03": (583, 61)}
 
 
 def test_scans_need_their_files(tmp_path):
@@ -170,17 +162,6 @@ def test_cases_of_other_projects_have_the_rims_they_are_known_for(name, rims):
     )
 
 
-def test_cases_are_chosen_by_suites_and_patterns(tmp_path):
-    def cases(**chosen):
-        return {task["case"] for task in chosen_tasks(Settings(data=DATA, methods=("spinor-fill",), **chosen))}
-
-    assert cases(suites=("cut-outs",)) == {*CAPS, *WINDOWS, *scan_names(DATA)}
-    assert cases(suites=("odd", "cut-outs"), cases=("icosphere-*", "knot")) == {
-        *(name for name in CAPS if name.startswith("icosphere-")),
-        "knot",
-    }
-
-
 def test_a_run_of_cut_outs_shows_which_method_is_nearest(tmp_path, monkeypatch):
     monkeypatch.setattr(runner, "run_isolated", in_this_process)
     settings = Settings.short(cases=("torus-outside-0.4", "open-cone"), methods=("spinor-fill", "trimesh"))
@@ -206,44 +187,3 @@ def test_a_run_of_cut_outs_shows_which_method_is_nearest(tmp_path, monkeypatch):
     assert scale_of(pieces).high == pytest.approx(np.quantile(patch.fields[DISTANCE], 0.95))
     # side by side
     assert removed.vertices[:, 0].max() < patch.vertices[:, 0].min()
-
-
-def cut_out_record(method, **changed):
-    record = {
-        **{"suite": "cut-outs", "status": "done", "case": "icosphere-3-0.85", "kind": "dome", "method": method},
-        **{"open_rim_edges": 0, "new_open_edges": 0, "nonmanifold_edges": 0, "rim_kept": True, "old_faces_kept": True},
-        **{"diameter": 2.0, "vertex_distance": 1e-3, "surface_distance": 1e-3, "distance": 1e-3, "n": None},
-        **{"bend": 0.1, "removed_bend": 0.1, "crossings": 0, "mesh_crossings": 0, "seconds": 0.1},
-    }
-    return {**record, **changed}
-
-
-def test_promises_of_the_continuation_are_kept_or_missed():
-    ours, other = cut_out_record("spinor-fill-c1"), cut_out_record("cgal-fair", distance=5e-3)
-    sphere, share, bend = "z = 0.85", "distance / that of the best other filler", "bend across the rim"
-    assert CAP_DISTANCES[0.85] == 2e-3
-    assert kept(sphere, ours, other)
-    assert kept(sphere, cut_out_record("spinor-fill-c1", vertex_distance=1.1e-3), other) is False
-    assert kept(share, ours, other)
-    assert kept(share, ours, cut_out_record("cgal-fair", distance=3e-3)) is False
-    # ours without continuity is no other filler, and neither is one that leaves the hole open
-    for spared in ({"method": "spinor-fill"}, {"method": "vtk", "open_rim_edges": 3}):
-        assert kept(share, ours, other, cut_out_record(**{"method": "", "distance": 1e-9, **spared}))
-    assert kept(bend, ours)
-    assert kept(bend, cut_out_record("spinor-fill-c1", bend=0.14)) is False
-    assert promises([other]) == []
-
-
-def test_the_continuation_is_nearest_on_most_scans_or_not():
-    def scans(method, distances):
-        return [
-            cut_out_record(method, case=f"spot_cut-{k:02d}", kind="scan", distance=distance)
-            for k, distance in enumerate(distances)
-        ]
-
-    theirs = scans("cgal-fair", [1e-2] * 10)
-    good = scans("spinor-fill-c1", [5e-3] * 9 + [2e-2])
-    poor = scans("spinor-fill-c1", [7e-3] * 8 + [2e-2] * 2)
-    for part in ("nearer than every other filler", "median distance"):
-        assert kept(part, *good, *theirs)
-        assert kept(part, *poor, *theirs) is False

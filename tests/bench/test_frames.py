@@ -7,8 +7,7 @@ import pytest
 
 from spinor_geom import gallery
 from spinor_geom.bench.cases import known_case
-from spinor_geom.bench.frames import FRAME_METHODS, FRAMES, frame_edges, trigonometric_arcs
-from spinor_geom.bench.promises import promises
+from spinor_geom.bench.frames import FRAMES, frame_edges, trigonometric_arcs
 from spinor_geom.bench.tasks import run
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.joined_splines import JoinedSplines
@@ -48,13 +47,3 @@ def test_figures_of_a_filling_are_those_of_a_plane_region() -> None:
     assert record["area_error"] < 1e-9
     assert record["rim_distance"] < 1e-9
     assert record["file_kib"] > 1
-
-
-def test_promises_are_about_ours_alone() -> None:
-    good = {"suite": "cad", "status": "done", "case": "tennis-seam", "method": "spinor-cad", "n": None}
-    good |= {"area_error": 1e-9, "rim_distance": 1e-9, "faces": 5, "valid": True}
-    filled = {**good, "method": "occ-filling", "area_error": 1e-2, "rim_distance": 1e-4}
-    assert all(promise.met for promise in promises([good, filled]))
-    for name, value in (("area_error", 1e-6), ("rim_distance", 1e-6), ("faces", 31), ("valid", False)):
-        assert [promise.met for promise in promises([{**good, name: value}])].count(False) == 1
-    assert set(FRAME_METHODS) == {"spinor-cad", "occ-filling", "occ-filling-fine"}

@@ -37,17 +37,3 @@ def test_a_checkout_is_as_fast_as_itself(guard, capsys):
     base, head = (float(cell) for cell in row.split("|")[2:4])
     # noise of single measurements is below 50 % even under load
     assert 0.5 < head / base < 2
-
-
-def test_every_case_is_a_mesh_with_rims_to_fill(guard):
-    for name in ("caps of 24 to 80 points", "smooth rim of 64 points", "noisy rim of 250 points"):
-        for mesh in guard.CASES[name]():
-            assert mesh["faces"].max() == len(mesh["vertices"]) - 1
-
-
-def test_whole_meshes_of_a_folder_have_all_their_rims(guard):
-    cases = guard.whole_meshes(ROOT / "data")
-    assert "plane_holes.obj" in cases
-    assert "squiggle_on_sphere.obj" not in cases  # a curve
-    (mesh,) = cases["trimesh_reference.obj"]()
-    assert mesh.keys() == {"vertices", "faces"}

@@ -11,9 +11,7 @@ from spinor_geom.bench.fillers import FILLERS, OURS, Filled
 from spinor_geom.bench.holes import hole_over
 from spinor_geom.bench.measured import disk_figures, hole_figures
 from spinor_geom.bench.odd_holes import odd_holes
-from spinor_geom.bench.ragged import CUT, NOISY, ragged_hole
 from spinor_geom.errors import OptionError
-from spinor_geom.mesh.intersections import loop_crossings
 from spinor_geom.meshing.embed import mesh_patch
 from spinor_geom.plateau.solve import solve_plateau
 from tests.plateau.rims import CATENOIDS
@@ -29,29 +27,6 @@ def test_a_collar_has_one_rim_and_a_longer_outer_boundary():
     # the collar goes on where the surface ends: exactly so but for the discrete normals
     chart = known_case("enneper-0.8").chart
     assert chart.distances(hole.vertices).max() < 0.1
-
-
-@pytest.mark.parametrize(
-    ("name", "rims"),
-    [
-        ("figure-eight", 1),
-        ("knot", 1),
-        ("bow-tie", 2),
-        ("island", 2),
-        ("slit", 1),
-        ("facing-0.5", 2),
-        ("facing-0.7", 2),
-    ],
-)
-def test_odd_rims_are_what_they_are_called(name, rims):
-    hole = odd_holes()[name]
-    assert len(hole.rim_indices) == rims
-    assert len(hole.loops) > rims
-    assert hole.expected
-    shortest = min(len(loop) for k, loop in enumerate(hole.loops) if k not in hole.rim_indices)
-    assert hole.edge_limit < shortest
-    crossing = len(loop_crossings(hole.loops[hole.rim_indices[0]].points)) > 0
-    assert crossing == (name in ("figure-eight", "slit"))
 
 
 def test_an_untouched_hole_is_open_and_our_fill_closes_it():
@@ -105,19 +80,6 @@ def require_peer(package):
             pytest.fail(message)
         pytest.skip(message)
     importlib.import_module(package)
-
-
-def test_a_peer_that_is_missing_is_skipped_or_required_and_a_broken_one_fails(tmp_path, monkeypatch):
-    monkeypatch.delenv("SPINOR_GEOM_PEERS", raising=False)
-    with pytest.raises(pytest.skip.Exception, match=r"'\.\[peers\]'"):
-        require_peer("no_such_peer")
-    monkeypatch.setenv("SPINOR_GEOM_PEERS", "required")
-    with pytest.raises(pytest.fail.Exception, match="no_such_peer is not installed"):
-        require_peer("no_such_peer")
-    (tmp_path / "broken_peer.py").write_text("import no_such_dependency\n")
-    monkeypatch.syspath_prepend(tmp_path)
-    with pytest.raises(ImportError, match="no_such_dependency"):
-        require_peer("broken_peer")
 
 
 def test_meshlib_stitches_facing_rims():
@@ -195,14 +157,3 @@ def test_our_surface_is_measured_beside_its_mesh():
     # the surface is exact, the chords of its mesh are not
     assert figures["surface_distance_max"] < 1e-12 < 1e-4 < figures["distance_max"]
     assert figures["area_error"] < 1e-12 < 1e-4 < figures["mesh_area_error"]
-
-
-def test_noisy_rims_are_as_long_as_they_are_called():
-    for name, (_, points) in NOISY.items():
-        assert [len(ragged_hole(name).loops[k]) for k in ragged_hole(name).rim_indices] == [points]
-
-
-def test_rims_cut_along_triangles_are_sixty_with_13_to_120_points():
-    rims = [ragged_hole(name) for name in CUT]
-    assert [len(rim.loops) for rim in rims] == [1] * 60
-    assert {min(sizes := [len(rim.loops[0]) for rim in rims]) >= 13, max(sizes) <= 120} == {True}

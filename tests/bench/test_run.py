@@ -2,20 +2,14 @@
 
 import csv
 import json
-import re
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from spinor_geom.bench import run_tables, runner
-from spinor_geom.bench.fillers import FILLERS, LOOP_METHODS
-from spinor_geom.bench.frames import FRAME_METHODS
-from spinor_geom.bench.machine import machine
-from spinor_geom.bench.odd_holes import odd_holes
-from spinor_geom.bench.promises import REFERENCE, REFERENCE_SHARE, promises
-from spinor_geom.bench.runner import DESCRIPTION, RECORDS, SUITES, Run, Settings, case_name, chosen_tasks, key, measure
+from spinor_geom.bench.promises import promises
+from spinor_geom.bench.runner import DESCRIPTION, RECORDS, SUITES, Settings, case_name, chosen_tasks, key, measure
 from spinor_geom.bench.tasks import run as run_task
 from spinor_geom.cli.main import main
 from spinor_geom.errors import OptionError
@@ -98,27 +92,6 @@ def test_our_fill_is_measured_against_every_filler_that_closes_the_rim():
     assert kept(nearer, *({**record, "case": "plane-l"} for record in (ours, other))) is None
 
 
-@pytest.mark.parametrize(
-    "broken", ["rim_kept", "old_faces_kept", "open_rim_edges", "new_open_edges", "nonmanifold_edges"]
-)
-def test_our_fill_closes_the_rim_and_keeps_the_mesh(broken):
-    assert kept("closes the rim", hole_record("spinor-fill"))
-    wrong = {"rim_kept": False, "old_faces_kept": False}.get(broken, 1)
-    assert kept("closes the rim", hole_record("spinor-fill", **{broken: wrong})) is False
-    # other tools promise nothing
-    assert promises([hole_record("cgal", **{broken: wrong})]) == []
-
-
-@pytest.mark.parametrize(("n", "share"), REFERENCE_SHARE.items())
-def test_a_whole_fill_has_its_share_of_the_reference_s_seconds(n, share):
-    part, reference = f"whole fill of {n} points", hole_record(REFERENCE, n=n, seconds=2.0)
-    assert kept(part, hole_record("spinor-fill", n=n, seconds=2.0 * share), reference)
-    assert kept(part, hole_record("spinor-fill", n=n, seconds=2.1 * share), reference) is False
-    # on the reference's case and at its samplings alone
-    assert kept(part, hole_record("spinor-fill", n=n), hole_record(REFERENCE, n=n + 1)) is None
-    assert kept(part, *(hole_record(m, n=n, case="scherk") for m in ("spinor-fill", REFERENCE))) is None
-
-
 @pytest.mark.usefixtures("importable")
 def test_a_killed_run_goes_on(tmp_path, monkeypatch):
     folder = tmp_path / "run"
@@ -175,15 +148,6 @@ def test_names_that_do_not_exist_are_refused_before_anything_is_measured(tmp_pat
     assert not (tmp_path / "run").exists()
 
 
-def test_the_short_run_has_the_suites_every_tool_and_every_odd_rim():
-    tasks = chosen_tasks(Settings.short())
-    assert {t["method"] for t in tasks} == {*LOOP_METHODS, *FILLERS, *FRAME_METHODS}
-    assert {t["case"] for t in tasks if t["suite"] == "odd"} == set(odd_holes())
-    assert {t["suite"] for t in tasks} == set(SUITES) - {"meshes"}
-    keys = [key(task) for task in tasks]
-    assert len(set(keys)) == len(keys)
-
-
 def test_the_long_run_has_every_case_of_every_suite_once():
     tasks = chosen_tasks(Settings(data=DATA))
     assert {t["suite"] for t in tasks} == set(SUITES)
@@ -194,25 +158,6 @@ def test_the_long_run_has_every_case_of_every_suite_once():
     assert len({name for name, _ in names}) == len(names)
 
 
-def test_mesh_files_are_filled_by_every_tool():
-    tasks = chosen_tasks(Settings(suites=("meshes",), data=DATA))
-    files = {case_name(task) for task in tasks}
-    assert {"spot_cut.obj", "plane_holes.obj"} <= files
-    assert {(case_name(t), t["method"]) for t in tasks} == {(file, tool) for file in files for tool in FILLERS}
-
-
-def test_seconds_under_unlike_loads_are_not_compared():
-    assert kept("seconds of libigl", loop_record(), libigl_record(load=1.0)) is not None
-    assert kept("seconds of libigl", loop_record(), libigl_record(load=8.0)) is None
-
-
-def test_rows_of_ours_tell_when_the_code_has_changed_since():
-    assert run_tables.method_name(loop_record()) == "spinor"
-    assert run_tables.method_name(loop_record(commit="0.1.0.dev0+g000000000")) == "spinor †"
-    # peers are as they were
-    assert run_tables.method_name(libigl_record(commit="0.1.0.dev0+g000000000")) == "libigl"
-
-
 def test_a_tool_that_is_broken_here_is_missing_and_has_not_failed(tmp_path, monkeypatch):
     (tmp_path / "broken_peer.py").write_text("import no_such_dependency\n")
     monkeypatch.syspath_prepend(tmp_path)
@@ -220,45 +165,6 @@ def test_a_tool_that_is_broken_here_is_missing_and_has_not_failed(tmp_path, monk
     record = run_task({"suite": "odd", "case": "knot", "method": "open3d", "repeat": 0})
     assert record["status"] == "missing"
     assert "cannot be imported here: No module named 'no_such_dependency'" in record["reason"]
-
-
-def test_rows_that_leave_edges_open_without_a_report_are_marked():
-    odd = {"suite": "odd", "status": "done", "case": "slit", "method": "m", "expected": "", "new_open_edges": 0}
-    odd |= {"nonmanifold_edges": 0, "message": "", "open_rim_edges": 12, "succeeded": None, "patches": 0}
-    honest = {**odd, "method": "h", "succeeded": False, "message": "refused"}
-    crashed = {"suite": "odd", "status": "crashed", "case": "slit", "method": "c", "reason": "signal 11"}
-    table = run_tables.odd_table([odd, honest, crashed])
-    assert table.marked == {0}
-    assert [row[1] for row in table.rows] == ["12 open !", "refused", "crashed"]
-    assert run_tables.left_open(odd) == "12 open !"
-    assert run_tables.left_open(honest) == "12 open"
-
-
-def test_a_run_with_a_missing_tool_reports_it():
-    missing = {"suite": "fills", "status": "missing", "case": "c", "method": "open3d", "n": 64}
-    table = run_tables.trouble_table([{**missing, "reason": "open3d is not installed"}])
-    assert table.rows == [("open3d", "missing", "all", "open3d is not installed")]
-
-
-def test_the_page_needs_nothing_from_elsewhere(tmp_path):
-    settings = {"quick": True}
-    (tmp_path / "views" / "cap").mkdir(parents=True)
-    for name in ("removed", "spinor-fill"):
-        np.savez(
-            tmp_path / "views" / "cap" / f"{name}.npz",
-            vertices=np.eye(3, dtype=np.float32),
-            faces=np.array([[0, 1, 2]], dtype=np.int32),
-            values=np.array([0, 1, 2], dtype=np.float32),
-        )
-    records = [loop_record(), libigl_record(), loop_record(n=128, seconds=0.2)]
-    run = Run(folder=tmp_path, description={"settings": settings, "machine": machine()}, records=records)
-    run_tables.write(run)
-    whole = (tmp_path / run_tables.PAGE).read_text(encoding="utf-8")
-    # the viewer's program names what it does not ask for
-    text = re.sub(r"<script>.*?</script>", "", whole, flags=re.DOTALL)
-    for outside in ('src="http', "href=", "@import", "fetch(", "url("):
-        assert outside not in text
-    assert 'id="view-0"' in text
 
 
 def test_the_command_measures_and_reports_what_is_missed(tmp_path, capsys, monkeypatch):

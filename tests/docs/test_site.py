@@ -89,21 +89,6 @@ def test_every_page_and_every_picture_opens_in_a_browser(pages: Path, address: s
                     assert page.locator("math[display=block]").first.bounding_box()["height"] > 10
 
 
-@pytest.mark.slow
-def test_the_search_finds_pages_by_their_words(address: str) -> None:
-    with browser() as chromium, visit(chromium, f"{address}/index.html") as opened:
-        box, count = opened.page.locator(".md-search__input"), opened.page.locator(".md-search-result__meta")
-        for word, page in (("scan", "fill-a-scan.html"), ("knotted", "limits.html"), ("SLURM", "batch.html")):
-            box.fill("")
-            box.press_sequentially(word)
-            opened.page.locator(f".md-search-result__link[href*='{page}']").first.wait_for(state="attached")
-        box.fill("")
-        box.press_sequentially("qqqqqq")
-        count.get_by_text("No matching documents").wait_for()
-        assert not opened.errors
-        assert not opened.foreign
-
-
 def test_the_readme_s_pictures_open_in_a_browser_and_are_small(tmp_path: Path) -> None:
     text = "".join(f'<img src="{(ROOT / "docs" / name).as_uri()}">' for name in README_PICTURES)
     page = tmp_path / "page.html"

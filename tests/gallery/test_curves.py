@@ -86,7 +86,7 @@ def test_scherk_rim_lies_on_the_graph():
     np.testing.assert_allclose(np.exp(z) * np.cos(x), np.cos(y), atol=1e-14)
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(5))
 def test_random_curve_has_three_to_six_harmonics_and_is_repeatable(seed):
     t = np.arange(64) / 64
     points = gallery.random_curve(seed).point(t)
@@ -96,16 +96,6 @@ def test_random_curve_has_three_to_six_harmonics_and_is_repeatable(seed):
     assert harmonics[0] == 1
     assert harmonics[-1] in (3, 4, 5, 6)
     assert (np.diff(harmonics) == 1).all()
-
-
-def test_random_curves_are_drawn_out_along_x_by_one_to_ten():
-    t = np.arange(64) / 64
-    first = np.array([np.fft.rfft(gallery.random_curve(seed).point(t), axis=0)[1] / 32 for seed in range(100)])
-    # in each direction |a - ib|² has the mean 2, along x times the mean of the squared elongation, 37
-    mean = (np.abs(first) ** 2).mean(axis=0)
-    # 100 samples: standard errors 0.2 and, along x, 13
-    assert 35 < mean[0] < 115
-    assert (np.abs(mean[1:] - 2) < 0.8).all()
 
 
 def test_l_shape_has_one_reflex_corner_and_lies_on_its_saddle():

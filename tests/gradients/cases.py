@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -61,8 +62,16 @@ def names(*slow: str) -> list[Any]:
 
 def solved(name: str, rims: list[np.ndarray] | None = None) -> PlateauSolution:
     """The solution over the rims of a route, or over the given rims."""
+    return _at_rest(name) if rims is None else _solved(name, rims)
+
+
+@cache
+def _at_rest(name: str) -> PlateauSolution:
+    return _solved(name, (ROUTES | LINKED)[name])
+
+
+def _solved(name: str, loops: list[np.ndarray]) -> PlateauSolution:
     kind = name.split(",")[0]
-    loops = (ROUTES | LINKED)[name] if rims is None else rims
     corners = "auto" if kind != "network" else np.arange(4) * (len(loops[0]) // 4)
     solution = solve_plateau(
         [BoundaryLoop.from_points(points, corners=corners) for points in loops],

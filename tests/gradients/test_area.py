@@ -47,11 +47,9 @@ def test_gradient_equals_differences(name):
 
 
 @pytest.mark.parametrize("name", names("network", "flattened"))
-@pytest.mark.parametrize("is_placed", [False, True])
-def test_remainder_is_of_second_order(name, is_placed):
-    rims, moves = ROUTES[name], moves_of(name)
-    if is_placed:
-        rims, moves = [50 * rim @ TURN.T + [3, -2, 50] for rim in rims], [50 * move @ TURN.T for move in moves]
+def test_remainder_is_of_second_order_wherever_the_rims_are(name):
+    rims = [50 * rim @ TURN.T + [3, -2, 50] for rim in ROUTES[name]]
+    moves = [50 * move @ TURN.T for move in moves_of(name)]
     here = solved(name, rims)
     slope = along(here.area_gradient, moves)
     order = order_of(lambda step: abs(solved(name, moved(rims, moves, step)).area - here.area - step * slope))
@@ -68,14 +66,6 @@ def test_rigid_motions_and_scale(name):
     assert np.abs(torque).max() < ERROR * scale * np.ptp(np.concatenate(rims))
     # the area is homogeneous of degree 2
     assert along(gradients, rims) == pytest.approx(2 * solution.area, rel=ERROR)
-
-
-def test_gradient_turns_and_scales_with_the_points():
-    points = wavy(40, uneven=1)
-    (here,) = solve_plateau(points).area_gradient
-    (there,) = solve_plateau(100 * points @ TURN.T + [3, -2, 50]).area_gradient
-    # both are solved to 1e-6 of an edge or better
-    assert np.abs(there - 100 * here @ TURN.T).max() < 1e-4 * np.abs(there).max()
 
 
 def test_reversed_loop_has_the_same_gradient():

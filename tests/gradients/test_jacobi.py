@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from spinor_geom.gradients.area import as_given
-from spinor_geom.gradients.curve_chain import by_points
 from spinor_geom.gradients.minimal_surface import normal_fields, position_gradient
 from spinor_geom.gradients.slide_adjoint import SlideAdjoint
 from spinor_geom.plateau import solve_plateau
-from tests.gradients.cases import LIFT, LINKED, RING, ROUTES, difference, moved, moves_of, names, order_of, solved
+from tests.gradients.cases import LIFT, LINKED, RING, ROUTES, difference, moved, moves_of, names, solved
 
 
 def inner_points(solution, count=12):
@@ -61,7 +59,7 @@ def test_similarities_are_reproduced(name):
             assert abs(u - motion(x)[number] @ normal[number]) < error
 
 
-@pytest.mark.parametrize("name", names())
+@pytest.mark.parametrize("name", names("network", "flattened"))
 def test_gradient_equals_differences_of_solves(name):
     rims, moves, solution = ROUTES[name], moves_of(name), solved(name)
     z, rng = inner_points(solution), np.random.default_rng(0)
@@ -72,29 +70,6 @@ def test_gradient_equals_differences_of_solves(name):
     own = sum((rows * move).sum() for rows, move in zip(gradient, moves, strict=True))
     size = sum(map(np.linalg.norm, gradient)) * max(map(np.linalg.norm, moves))
     assert abs(own - slope) < (1e-5 if "network" in name else 1e-6) * size
-
-
-@pytest.mark.parametrize("name", names("network", "flattened"))
-def test_remainder_is_of_second_order(name):
-    if name == "plane":
-        pytest.skip("displacements within the plane do not move the surface along its normal")
-    rims, moves, solution = ROUTES[name], moves_of(name), solved(name)
-    z = inner_points(solution, 6)
-    x, normal = solution.surface.position(z), solution.surface.normal(z)
-    fields = normal_fields(solution, z)
-
-    def change(by_u):
-        parts = zip(solution.rims, fields.rims, fields.by_boundary(by_u), strict=True)
-        gradients = as_given(solution, [by_points(rim.curve, nodes.places, own) for rim, nodes, own in parts])
-        return sum((rows * move).sum() for rows, move in zip(gradients, moves, strict=True))
-
-    slopes = np.array(list(map(change, np.eye(len(z)))))
-
-    def remainder(step):
-        there = solved(name, moved(rims, moves, step))
-        return np.linalg.norm(normal_offsets(there, x, normal) - step * slopes)
-
-    assert abs(order_of(remainder) - 2) < 0.15  # the terms of third order
 
 
 def test_plane_region_rises_by_a_harmonic_function():

@@ -53,7 +53,6 @@ BETWEEN = {
     "as the surface has them": [RING - LIFT, RING + LIFT],
     "reversed": [RING[::-1] - LIFT, 0.9 * RING[::-2] + LIFT],
     "the larger second": [0.4 * RING[::2], RING[::-1] + 0.1 * LIFT],
-    "three": TRIPOD,
     "three, permuted and reversed": [TRIPOD[2], TRIPOD[0][::-1], TRIPOD[1]],
 }
 

@@ -29,9 +29,10 @@ def test_nearest_points_of_a_catenoid_from_near_its_axis():
         assert np.linalg.norm(point - place) == pytest.approx(exact, abs=1e-7)
 
 
-@pytest.mark.parametrize(
-    "points", [QUADRILATERAL, wavy(48), gallery.tennis_seam(0.75).sample(100)], ids=["corners", "wavy", "seam"]
-)
+SEAM = pytest.param(gallery.tennis_seam(0.75).sample(100), marks=pytest.mark.slow)
+
+
+@pytest.mark.parametrize("points", [QUADRILATERAL, wavy(48), SEAM], ids=["corners", "wavy", "seam"])
 def test_no_point_of_a_dense_mesh_is_nearer(points):
     solution = solve_plateau(points)
     dense, size = mesh_surface(solution.array_surface, vertices=20000), solution.loop.diagonal

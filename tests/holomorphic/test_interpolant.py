@@ -11,7 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from spinor_geom.domain import FourierBoundary
-from spinor_geom.errors import DtypeError
 from spinor_geom.holomorphic.interpolant import CauchyInterpolant
 from spinor_geom.surface.module import as_module
 from tests.strategies import SEEDS, analytic_boundaries
@@ -150,33 +149,9 @@ def test_shape_and_dtype_follow_the_points(shape):
         assert single.value(z.to(torch.complex64)).dtype == torch.complex64
 
 
-def test_many_points_are_taken_in_blocks():
-    model = interpolating(BOUNDARIES["bent"], 64)
-    z = points_inside(BOUNDARIES["bent"], 0.3, count=5000)  # three blocks of 2048 points
-    with torch.no_grad():
-        value, derivative = model.value(z), model.derivative(z)
-        few = z.split(1000)
-        torch.testing.assert_close(torch.cat([model.value(part) for part in few]), value, rtol=1e-14, atol=1e-14)
-        torch.testing.assert_close(
-            torch.cat([model.derivative(part) for part in few]), derivative, rtol=1e-13, atol=1e-13
-        )
-
-
 def test_values_of_a_module_are_a_copy():
     values = torch.ones(8, 2, dtype=torch.complex128)
     z, dz, _ = (torch.from_numpy(row) for row in FourierBoundary.circle().grid(8))
     module = as_module(CauchyInterpolant(z, dz, values))
     values[:] = 5
     assert (module.values == 1).all()
-
-
-@pytest.mark.parametrize("name", ["nodes", "weights", "values"])
-def test_real_tensors_are_refused(name):
-    tensors = {
-        "nodes": torch.zeros(4, dtype=torch.complex128),
-        "weights": torch.zeros(4, dtype=torch.complex128),
-        "values": torch.zeros(4, 2, dtype=torch.complex128),
-    }
-    tensors[name] = tensors[name].real
-    with pytest.raises(DtypeError, match=f"{name} must be complex, got torch.float64"):
-        CauchyInterpolant(**tensors)

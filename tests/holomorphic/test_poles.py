@@ -100,12 +100,6 @@ def test_refining_poles_lie_outside_beside_their_panels(domain):
     assert np.abs(poles.positions[:, None] - near).min(axis=1).max() < 0.51 * edge
 
 
-def test_poles_add_up():
-    disk = DOMAINS["disk"]
-    both = place_poles(disk) + refining_poles(disk, np.array([[0.1, 0.2]]))
-    assert len(both.positions) == len(both.scales) == 64 + 3
-
-
 def test_corners_take_more_poles_for_a_tighter_tolerance():
     domain = DOMAINS["L"]
     counts = [corner_poles(tolerance) for tolerance in (1.0, 1e-3, 3e-4, 1e-4, 1e-8)]

@@ -54,15 +54,6 @@ def test_integrals_equal_quadrature_along_rays(terms, seed, radius, center):
         torch.testing.assert_close(series.primitive(z), expected, rtol=0, atol=1e-14 * radius * terms**1.5)
 
 
-def test_derivatives_of_the_integrals_are_the_squares():
-    series = random_series(12)
-    z = points_in_disk(30).requires_grad_()
-    p, q = series.value(z.detach()).detach().unbind(-1)
-    for k, square in enumerate((p * p, q * q, p * q)):
-        (gradient,) = torch.autograd.grad(series.primitive(z)[:, k].real.sum(), z)
-        torch.testing.assert_close(gradient.conj().resolve_conj(), square, rtol=0, atol=1e-12)
-
-
 def test_integrals_are_differentiable_by_the_coefficients():
     def integral(coefficients):
         series = as_module(PowerSeries(torch.zeros(3, 2, dtype=torch.complex128)))

@@ -1,23 +1,15 @@
-import igl
 import numpy as np
 import pytest
 
 from spinor_geom.measures import discrete_mean_curvature, smallest_angles
 from spinor_geom.meshing.embed import mesh_patch
 from tests.exact_solutions import ENNEPER, PLANE, exact_solution
-
-
-def octahedral_sphere(times, radius):
-    vertices = np.array([[1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1.0]])
-    upper = np.array([[k, (k + 1) % 4, 4] for k in range(4)])
-    lower = np.stack([upper[:, 1], upper[:, 0], np.full(4, 5)], axis=1)
-    vertices, faces = igl.upsample(vertices, np.concatenate([upper, lower]), times)
-    return radius * vertices / np.linalg.norm(vertices, axis=1, keepdims=True), faces.astype(np.int64)
+from tests.measures.test_hausdorff import sphere
 
 
 @pytest.mark.parametrize("radius", [0.01, 1.0, 20.0])
 def test_mean_curvature_of_a_sphere_is_one_over_its_radius(radius):
-    curvature = discrete_mean_curvature(*octahedral_sphere(4, radius))
+    curvature = discrete_mean_curvature(*sphere(4, radius))
     # the six vertices of degree four are the worst
     assert curvature.values == pytest.approx(np.full(len(curvature.values), 1 / radius), rel=0.02)
     assert curvature.rms == pytest.approx(1 / radius, rel=0.01)
@@ -39,7 +31,7 @@ def test_mean_curvature_of_a_cylinder_is_half_of_one_over_its_radius():
 
 def test_uneven_triangles_pull_along_a_surface_and_do_not_bend_it():
     """A plane mesh with one vertex out of the middle has the least area already; a sphere's is pulled to and fro."""
-    vertices, faces = octahedral_sphere(4, 1.0)
+    vertices, faces = sphere(4, 1.0)
     moved = vertices + 0.02 * np.random.default_rng(0).normal(size=vertices.shape)
     moved /= np.linalg.norm(moved, axis=1, keepdims=True)
     even, uneven = discrete_mean_curvature(vertices, faces), discrete_mean_curvature(moved, faces)
@@ -66,7 +58,7 @@ def test_mean_curvature_of_a_plane_is_zero_and_its_boundary_is_left_out():
 
 
 def test_mean_curvature_leaves_out_unreferenced_vertices():
-    vertices, faces = octahedral_sphere(1, 1.0)
+    vertices, faces = sphere(1, 1.0)
     curvature = discrete_mean_curvature(np.vstack([vertices, [[3.0, 0, 0]]]), faces)
     assert len(curvature.vertices) == len(vertices)
 

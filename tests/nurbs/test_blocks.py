@@ -1,6 +1,7 @@
 """Quadrilaterals that cover Ω, by the area that their sides enclose."""
 
 import tracemalloc
+from functools import cache
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from spinor_geom.plateau.solution import PlateauSolution
 PARAMETERS = np.linspace(0, 1, 17)
 
 
+@cache
 def annulus() -> PlateauSolution:
     angle = 2 * np.pi * np.arange(32) / 32
     rims = [np.column_stack([np.cos(angle), np.sin(angle), np.full(32, height)]) for height in (0.0, 0.5)]
@@ -61,7 +63,10 @@ def areas(solution: PlateauSolution) -> tuple[Blocks, float, float, float]:
     return blocks, least, total, sum(float(np.sum(cross(z[:-1], z[1:]))) / 2 for z in outline)
 
 
-@pytest.mark.parametrize("name", CASES)
+SLOW = ("ragged", "narrow in places", "with a neck")
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.slow if name in SLOW else ()) for name in CASES])
 def test_blocks_cover_the_domain_once(name: str) -> None:
     solve, most = CASES[name]
     blocks, least, total, area = areas(solve())

@@ -1,5 +1,7 @@
 """Positions on grids against integrals of φ along paths in Ω."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -12,18 +14,21 @@ from spinor_geom.nurbs.samples import Samples
 from spinor_geom.nurbs.spline_space import SplineSpace
 from spinor_geom.plateau.solution import PlateauSolution
 
-
-def solutions() -> dict[str, PlateauSolution]:
-    return {
-        "interpolant": spinor_geom.solve_plateau(gallery.random_curve(2)),
-        "network": spinor_geom.solve_plateau(schwarz.schwarz_d_quadrilateral()),
-        "series": spinor_geom.solve_plateau(gallery.tennis_seam(0.8)),
-    }
+CURVES = {
+    "interpolant": gallery.random_curve(2),
+    "network": schwarz.schwarz_d_quadrilateral(),
+    "series": gallery.tennis_seam(0.8),
+}
 
 
-@pytest.mark.parametrize("name", ["interpolant", "network", "series"])
+@cache
+def solved(name: str) -> PlateauSolution:
+    return spinor_geom.solve_plateau(CURVES[name])
+
+
+@pytest.mark.parametrize("name", CURVES)
 def test_positions_are_those_of_the_surface(name: str) -> None:
-    solution = solutions()[name]
+    solution = solved(name)
     rims = Rim.all_of(solution)
     blocks = Blocks.of(solution.domain, rims)
     samples = Samples(surface=solution.array_surface, rims=rims, blocks=blocks, accuracy=1e-9)
@@ -40,7 +45,7 @@ def test_positions_are_those_of_the_surface(name: str) -> None:
 
 
 def test_rims_are_moved_to_the_given_curve() -> None:
-    solution = solutions()["interpolant"]
+    solution = solved("interpolant")
     rims = Rim.all_of(solution)
     blocks = Blocks.of(solution.domain, rims)
     samples = Samples(surface=solution.array_surface, rims=rims, blocks=blocks, accuracy=1e-9)

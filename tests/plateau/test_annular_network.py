@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from spinor_geom import SpinorSurface, mesh_patch, solve_plateau
+from spinor_geom import SpinorSurface, solve_plateau
 from spinor_geom.arrays import NUMPY
 from spinor_geom.domain.plane_domain import PlaneDomain, panel_breaks
 from spinor_geom.domain.quadrature import Panels
@@ -93,13 +93,6 @@ def test_files_bring_it_back(tmp_path):
     loaded = SpinorSurface.load(tmp_path / "annulus.safetensors")
     z = surface.domain.triangulation.points
     np.testing.assert_array_equal(loaded.position(z), surface.position(z))
-
-
-def test_mesh_keeps_both_rims_bit_for_bit():
-    patch = mesh_patch(slender())
-    loops = [rim.loop for rim in slender().rims]
-    np.testing.assert_array_equal(patch.vertices[: patch.boundary_size], np.concatenate([x.points for x in loops]))
-    assert abs(patch.area / slender().area - 1) < 5e-3
 
 
 # --- its parts --------------------------------------------------------------------------------------------------------

@@ -23,4 +23,6 @@ def test_a_stage_counts_without_the_stages_inside_it(monkeypatch: pytest.MonkeyP
         work("surface", 2.0)
         work("fit", 8.0)
         now[0] += 16.0
-    assert timed.seconds == {"leaving": 17.0, "fit": 12.0, "surface": 2.0}
+    with pytest.raises(TypeError), timed.stage("fails"):
+        now[0] += None
+    assert timed.seconds == {"leaving": 17.0, "fit": 12.0, "surface": 2.0, "fails": 0.0}

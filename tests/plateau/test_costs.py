@@ -10,7 +10,7 @@ import pytest
 from spinor_geom import BoundaryLoop, solve_plateau
 from spinor_geom.arrays import NUMPY
 from spinor_geom.domain.plane_domain import FourierBoundary
-from spinor_geom.errors import DomainError, SpinorGeomError
+from spinor_geom.errors import SpinorGeomError
 from spinor_geom.plateau.harmonic.dirichlet import DirichletForm
 from spinor_geom.plateau.harmonic.harmonic_route import HarmonicSolver
 from spinor_geom.plateau.harmonic.smooth_domain import resolved_form
@@ -41,12 +41,6 @@ def star(n: int, seed: int) -> BoundaryLoop:
 def test_slides_and_domains_have_at_most_16_nodes_a_point(n: int) -> None:
     # short loops have as many as are quick for any
     assert HarmonicSolver(problem=PlateauProblem.of([waist(n, 0.03)], Options())).most_nodes <= max(1024, 1.01 * 16 * n)
-
-
-def test_narrow_domains_are_left_to_other_routes_before_they_are_made() -> None:
-    circle = FourierBoundary.circle(1.0, 28)
-    with pytest.raises(DomainError, match="needs 2688 steps around it; at most 1024"):
-        resolved_form(circle, 2688, NUMPY, most=1024)
 
 
 def test_narrow_smooth_loops_keep_the_area_of_their_curve() -> None:

@@ -68,17 +68,6 @@ def test_by_a_conformal_parameter_every_domain_is_a_disk():
     assert float(np.abs(form.correction).max()) < 1e-12
 
 
-@pytest.mark.parametrize("ratio", [1.0, 2.0, 8.0])
-def test_energies_of_powers(ratio):
-    form = form_of(ellipse(ratio), 128)
-    z = form.boundary.grid(128)[0]
-    # ½ ∫ |f′|² dA over the ellipse
-    known = {1: np.pi * ratio / 2, 2: np.pi * ratio * (ratio**2 + 1) / 2}
-    for power, value in known.items():
-        for x in real_and_imaginary(z**power).T:
-            assert abs(energy(form, x[:, None]) / value - 1) < 1e-12
-
-
 # --- properties -------------------------------------------------------------------------------------------------------
 
 
@@ -157,8 +146,3 @@ def test_measure_bounds_the_error_on_domains_as_symmetric_as_ellipses(ratio, n):
     # an eigenvalue of the kernel is off by the ratio of z's coefficients to the power of the steps less one
     expected = ratio * ((ratio - 1) / (ratio + 1)) ** (n - 1)
     assert expected > 0.1 or form.error < 2 * expected + 1e-11
-
-
-def test_disk_takes_no_matrix():
-    assert DISK.kernel is None
-    assert DISK.correction is None

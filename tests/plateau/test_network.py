@@ -6,11 +6,11 @@ import pytest
 from spinor_geom import gallery
 from spinor_geom.arrays import NUMPY
 from spinor_geom.domain import PlaneDomain
-from spinor_geom.errors import DomainError
+from spinor_geom.errors import DomainError, SingularMatrixError
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau import solve_plateau
 from spinor_geom.plateau.curve_tensors import CurveTensors
-from spinor_geom.plateau.network import discretisation
+from spinor_geom.plateau.network import discretisation, network_route
 from spinor_geom.plateau.network.discretisation import Discretisation
 from spinor_geom.plateau.network.gauss_newton import Fit
 from spinor_geom.plateau.options import Cauchy
@@ -79,6 +79,20 @@ def test_corners_are_reported_to_limit_a_fit_that_is_worst_there():
     solution = solve_plateau(gallery.l_shape(rise=0.25).sample(64), tolerance=1e-10)
     assert not solution.converged
     assert "% of the squared distance lies within an edge of the loop's corners" in solution.reason
+
+
+@pytest.mark.usefixtures("small_networks")
+@pytest.mark.parametrize("error", [DomainError("folded"), SingularMatrixError(size=3)], ids=["domain", "matrix"])
+def test_first_fit_stands_where_no_finer_disk_can_be_made(monkeypatch, error):
+    def fails(*_):
+        fails.called = True
+        raise error
+
+    monkeypatch.setattr(network_route, "finer_disk", fails)
+    solution = solve_plateau(gallery.l_shape(0.5).sample(32), model="cauchy", tolerance=1e-13)
+    assert fails.called
+    assert not solution.converged
+    assert solution.boundary_residual.rms_per_edge < 1e-2  # of a small network
 
 
 @pytest.mark.slow

@@ -103,10 +103,6 @@ def test_rims_that_a_cone_parts_have_no_plan():
         plan(problem_of(coaxial(1.0)))
 
 
-def test_a_plan_can_be_read():
-    assert str(plan(problem_of(SMOOTH))).startswith("(Route('disk'), Route('flattened'),")
-
-
 # --- how it is run ----------------------------------------------------------------------------------------------------
 
 

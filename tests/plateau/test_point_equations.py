@@ -69,10 +69,9 @@ def test_single_precision_is_corrected(monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(single.directions) == count
 
 
-@pytest.mark.parametrize("noise", [0.1, 0.3])
-def test_rough_rims_are_met_alike_in_both_precisions(noise: float, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rough_rims_are_met_alike_in_both_precisions(monkeypatch: pytest.MonkeyPatch) -> None:
     t, rng = 2 * np.pi * np.arange(120) / 120, np.random.default_rng(3)
-    points = np.column_stack([2 * np.cos(t), np.sin(t), 0.3 * np.sin(2 * t)]) + 0.08 * noise * rng.normal(size=(120, 3))
+    points = np.column_stack([2 * np.cos(t), np.sin(t), 0.3 * np.sin(2 * t)]) + 0.02 * rng.normal(size=(120, 3))
     loop = BoundaryLoop.from_points(points, corners=[])
     double = sg.solve_plateau(loop, between="free")
     monkeypatch.setattr(point_equations, "_MANY", 0)

@@ -1,5 +1,6 @@
 """The reported residual equals an independent evaluation of the returned surface."""
 
+import pickle
 import re
 
 import numpy as np
@@ -93,3 +94,9 @@ def test_flag_and_reason_agree_with_the_residual(name: str, tolerance: float) ->
     mean_edge = sum(rim.loop.perimeter for rim in solution.rims) / sum(len(rim.loop) for rim in solution.rims)
     # sums of lengths in another order
     assert abs(residual.mean_edge / mean_edge - 1) < 1e-12
+    again = pickle.loads(pickle.dumps(solution))
+    assert (again.area, again.route, again.reason) == (solution.area, solution.route, solution.reason)
+    # made by the copy itself
+    assert np.array_equal(again.surface.position(0.5 + 0.2j), solution.surface.position(0.5 + 0.2j), equal_nan=True)
+    if solution.annulus is not None:
+        assert again.annulus.disk_area == solution.annulus.disk_area

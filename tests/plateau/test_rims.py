@@ -8,7 +8,7 @@ from scipy.interpolate import CubicSpline
 
 from spinor_geom import SpinorSurface, mesh_patch, solve_plateau
 from spinor_geom.arrays import NUMPY
-from spinor_geom.errors import LoopsMeetError, OptionError, UnresolvedRimsError
+from spinor_geom.errors import LoopsMeetError, UnresolvedRimsError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.topology import is_watertight
@@ -286,10 +286,6 @@ def test_what_cannot_be_between_three_is_refused():
     loops = knoid(3, 0.5)
     with pytest.raises(LoopsMeetError, match="meet"):
         solve_plateau((*loops, loops[0]))
-    with pytest.raises(OptionError, match="at least one boundary loop"):
-        solve_plateau([])
-    with pytest.raises(OptionError, match="support one or two loops"):
-        solve_plateau(loops, model="cauchy")
 
 
 # --- rough rims -------------------------------------------------------------------------------------------------------

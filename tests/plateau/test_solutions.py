@@ -10,9 +10,9 @@ import pytest
 
 from spinor_geom import gallery
 from spinor_geom.discrete.minimal_surface import first_disk
-from spinor_geom.errors import DomainError, FirstFillError, OptionError
+from spinor_geom.errors import DomainError, FirstFillError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.plateau import Cauchy, PlateauSolution, Stability, disk_search, plan, solve_plateau
+from spinor_geom.plateau import PlateauSolution, Stability, disk_search, plan, solve_plateau
 from spinor_geom.plateau.disk_search import ThinnedLoop, find_disks, lower_beside, replace_unstable
 from spinor_geom.plateau.network import network_route
 from spinor_geom.plateau.steps import Steps
@@ -126,11 +126,6 @@ def test_list_does_not_depend_on_the_first_point():
         assert a.stability.index == b.stability.index
 
 
-def test_two_searches_are_equal_bit_for_bit():
-    again = solve_plateau(seam(0.75, 64), all_solutions=True)
-    assert [s.area for s in again] == [s.area for s in all_disks("seam", 0.75, 64)]
-
-
 # --- ways to other disks ----------------------------------------------------------------------------------------------
 
 
@@ -158,15 +153,6 @@ def test_round_positions_converge_to_the_surface():
         error = np.sqrt(((positions - exact.surface.position(z)) ** 2).sum(axis=1).mean())
         # order 1, as triangles grow inwards; it is less by chance where both meshes are nearly one
         assert error < 0.2 / points
-
-
-@pytest.mark.parametrize(
-    ("rims", "model"), [(1, "series"), (2, "cauchy"), (2, Cauchy(degree=20))], ids=["disks", "annuli", "options"]
-)
-def test_a_model_that_the_search_does_not_know_is_refused(rims, model):
-    loops = [seam(0.75, 32), BoundaryLoop.from_points(seam(0.75, 32).points + 5.0)]
-    with pytest.raises(OptionError, match="all_solutions represents"):
-        solve_plateau(loops[0] if rims == 1 else loops, model=model, all_solutions=True)
 
 
 # --- unstable ---------------------------------------------------------------------------------------------------------
@@ -305,8 +291,3 @@ def test_number_of_starts_is_bounded():
 
     found = find_disks(ThinnedLoop(loop=exact.loop, indices=np.arange(32)), another)
     assert len(calls) == len(found) == disk_search._MOST_STARTS
-
-
-def test_unknown_choice_for_unstable_disks_is_refused():
-    with pytest.raises(OptionError, match="'maybe'"):
-        solve_plateau(seam(0.75, 32), unstable="maybe")

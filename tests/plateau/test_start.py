@@ -1,12 +1,7 @@
 """The start of a fit, and the limit on its threads."""
 
-from concurrent.futures import ThreadPoolExecutor
-from threading import Event
-
 import numpy as np
 import pytest
-import torch
-from threadpoolctl import threadpool_info, threadpool_limits
 
 from spinor_geom import gallery
 from spinor_geom.arrays import NUMPY
@@ -15,8 +10,6 @@ from spinor_geom.domain.flattening import flatten
 from spinor_geom.domain.triangulation import triangulate_polygon
 from spinor_geom.plateau.initial_spinors import lifted_frames, lifted_spinors
 from spinor_geom.plateau.solve import solve_plateau
-from spinor_geom.plateau.steps import Clock
-from spinor_geom.plateau.threads import one_thread
 from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.frames import signs_close_up, spinors_from_phi
 from tests.loops import noisy_ellipse
@@ -44,60 +37,6 @@ def test_lifted_spinors_reproduce_the_edges_of_the_loop(curve):
     # the sign follows the boundary, and closes up
     step = (np.abs(spinors - np.roll(spinors, 1, axis=0)) ** 2).sum(axis=1) / (np.abs(spinors) ** 2).sum(axis=1)
     assert float(step.max()) < 1
-
-
-def test_one_thread_holds_inside_and_restores_outside():
-    before = torch.get_num_threads()
-    try:
-        torch.set_num_threads(2)
-        with one_thread():
-            assert torch.get_num_threads() == 1
-            with one_thread():
-                assert torch.get_num_threads() == 1
-            assert torch.get_num_threads() == 1
-        assert torch.get_num_threads() == 2
-    finally:
-        torch.set_num_threads(before)
-
-
-def test_overlapping_threads_leave_every_setting_as_it_was():
-    before = torch.get_num_threads()
-    inside, out = Event(), Event()
-
-    def second():
-        with one_thread():
-            inside.set()
-            out.wait()  # until the first has left
-            assert torch.get_num_threads() == 1
-
-    def blas():
-        # other packages, such as scikit-learn, have OpenMP libraries of their own, which no solver uses
-        return [library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"]
-
-    try:
-        torch.set_num_threads(2)
-        with threadpool_limits(2), ThreadPoolExecutor() as pool:
-            settings = blas()
-            with one_thread():
-                other = pool.submit(second)
-                inside.wait()
-                assert set(blas()) == {1}
-            assert torch.get_num_threads() == 2
-            out.set()
-            other.result()
-            assert blas() == settings
-            assert pool.submit(torch.get_num_threads).result() == 2
-        with ThreadPoolExecutor() as fresh:
-            assert fresh.submit(torch.get_num_threads).result() == 2
-    finally:
-        torch.set_num_threads(before)
-
-
-def test_a_stage_that_fails_is_timed():
-    clock = Clock()
-    with pytest.raises(ValueError, match="in vain"), clock.stage("fit"):
-        raise ValueError("in vain")
-    assert clock.seconds["fit"] >= 0
 
 
 @pytest.mark.parametrize("seed", [2, 5])

@@ -72,6 +72,8 @@ def test_many_threads_in_any_order_have_one_thread_inside() -> None:
         assert all(pool.map(run, orders))
     assert threads_of_blas() == {2}
     assert torch.get_num_threads() == 2
+    with ThreadPoolExecutor() as fresh:
+        assert fresh.submit(torch.get_num_threads).result() == 2
 
 
 def test_an_error_inside_restores_the_setting() -> None:

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from spinor_geom import gallery
-from spinor_geom.errors import OptionError
 from spinor_geom.holomorphic.mlp import ComplexMLP
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau import solve_plateau, solve_plateau_batch
-from spinor_geom.surface.spinor_surface import SpinorSurface
 from spinor_geom.training import LevenbergMarquardt, RMSprop, train_by_rmsprop
 
 CURVE = gallery.twisted_circle()
@@ -80,37 +76,3 @@ def test_rmsprop_is_the_paper_s_training_of_the_curve_at_the_size_of_the_unit_ci
     own = train_by_rmsprop(gallery.twisted_circle(radius=size, amplitude=0.2 * size), options=SMALL)
     # the polynomials of Γ differ by little from the formulas
     assert np.allclose([step.residual for step in solution.history], [step.loss for step in own.history], rtol=1e-3)
-
-
-def test_rmsprop_goes_on_from_its_checkpoint(tmp_path):
-    kept = replace(SMALL, checkpoint=tmp_path / "training.pt")
-    straight = solve_plateau(CURVE, model="mlp", optimizer=SMALL)
-    solve_plateau(CURVE, model="mlp", optimizer=replace(kept, epochs=2))
-    steps = []
-    solution = solve_plateau(CURVE, model="mlp", optimizer=kept, on_iteration=steps.append)
-    assert len(steps) == 1
-    assert steps[-1].residual == straight.history[-1].residual
-    assert solution.area == straight.area
-
-
-def test_a_trained_surface_is_saved_and_loaded(tmp_path):
-    surface = solve_plateau(CURVE, model="mlp", optimizer=SMALL).surface
-    surface.save(tmp_path / "surface.safetensors")
-    z = np.array([0.3 + 0.2j, -0.5j])
-    assert (SpinorSurface.load(tmp_path / "surface.safetensors").position(z) == surface.position(z)).all()
-
-
-@pytest.mark.parametrize(
-    ("options", "sentence"),
-    [
-        ({"model": "mlp", "optimizer": "adam"}, "unknown optimizer 'adam'"),
-        ({"model": "mlp", "optimizer": RMSprop(representation="weierstrass-enneper")}, "train_by_rmsprop"),
-        ({"model": "mlp", "all_solutions": True}, "one disk only"),
-        ({"model": "auto", "optimizer": "rmsprop"}, "options of model='mlp'"),
-        ({"model": "cauchy", "warm_start": False}, "options of model='mlp'"),
-        ({"model": "perceptron"}, "'mlp'"),
-    ],
-)
-def test_options_that_make_no_sense_are_refused(options, sentence):
-    with pytest.raises(OptionError, match=sentence):
-        solve_plateau(CURVE, **options)

@@ -1,5 +1,6 @@
 """Minimal annuli between two rims: known areas, rims without a minimal annulus, and invariance."""
 
+import pickle
 from dataclasses import replace
 from functools import cache
 
@@ -20,9 +21,9 @@ from spinor_geom.errors import (
     SeveralRimsError,
     UnknownMeshTypeError,
 )
+from spinor_geom.measures import smallest_angles
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.mesh.topology import is_watertight
 from spinor_geom.plateau import Laurent, NoConnectedSurface
 from spinor_geom.plateau.curve_tensors import CurveTensors
 from spinor_geom.plateau.network.network_route import NetworkSolver
@@ -140,7 +141,7 @@ def test_circles_too_far_apart_have_no_annulus(h):
     assert isinstance(answer, NoConnectedSurface)
     assert "no annulus" in answer.reason
     assert abs(answer.area / (2 * np.pi) - 1) < 1e-12
-    assert answer.to_dict()["disk_area"] == answer.area
+    assert answer.to_dict()["disk_area"] == pickle.loads(pickle.dumps(answer)).area == answer.area
     assert solve_plateau(coaxial(h), all_solutions=True) == ()
 
 
@@ -274,41 +275,13 @@ def test_associates_close_only_without_flux():
     assert abs(flat.associate(0.7).area() / (np.pi * 0.91) - 1) < 1e-12
 
 
-def test_files_bring_the_annulus_back(tmp_path):
-    surface = wavy().surface
-    surface.save(tmp_path / "annulus.safetensors")
-    loaded = SpinorSurface.load(tmp_path / "annulus.safetensors")
-    z = surface.domain.triangulation.points
-    np.testing.assert_array_equal(loaded.position(z), surface.position(z))
-    assert loaded.area() == surface.area()
-
-
 def test_mesh_keeps_both_rims_bit_for_bit():
-    solution = wavy()
-    patch = mesh_patch(solution)
-    loops = [rim.loop for rim in solution.rims]
+    patch = mesh_patch(wavy())
+    loops = [rim.loop for rim in wavy().rims]
     np.testing.assert_array_equal(patch.vertices[: patch.boundary_size], np.concatenate([x.points for x in loops]))
     assert patch.rims == (60, 48)
-    edges = np.unique(np.sort(patch.faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
-    assert len(patch.vertices) - len(edges) + len(patch.faces) == 0
-    assert abs(patch.area / solution.area - 1) < 2e-3
-    a, b, c = (patch.vertices[patch.faces[:, k]] for k in range(3))
-    sides = [np.linalg.norm(y - x, axis=1) for x, y in ((b, c), (c, a), (a, b))]
-    angles = [
-        np.degrees(np.arccos(np.clip((q**2 + r**2 - p**2) / (2 * q * r), -1, 1)))
-        for p, q, r in (sides, sides[1:] + sides[:1], sides[2:] + sides[:2])
-    ]
-    assert np.min(angles) > 18
-    # two disks close it
-    caps = [
-        _fan(range(start, start + len(loop)), len(patch.vertices) + k)
-        for k, (start, loop) in enumerate(zip((0, 60), loops, strict=True))
-    ]
-    assert is_watertight(np.concatenate([patch.faces, *caps]))
-
-
-def _fan(rim, apex):
-    return np.array([[b, a, apex] for a, b in zip(rim, [*rim[1:], rim[0]], strict=True)])
+    assert abs(patch.area / wavy().area - 1) < 2e-3
+    assert smallest_angles(patch.vertices, patch.faces).min() > 18
 
 
 # --- errors -----------------------------------------------------------------------------------------------------------
@@ -346,15 +319,6 @@ def test_points_are_rims_as_their_loops_are():
 def test_rims_that_meet_are_refused():
     with pytest.raises(LoopsMeetError, match="meet"):
         solve_plateau((sampled(ring(1.0, 0.0), 40), sampled(ring(1.0, 0.0, centre=(0.5, 0.0)), 40)))
-
-
-def test_models_without_annuli_are_refused():
-    with pytest.raises(OptionError, match="supports one loop only"):
-        solve_plateau(coaxial(0.5), model="mlp")
-    with pytest.raises(OptionError, match="need two or more loops"):
-        solve_plateau(ring(1.0, 0.0), model=Laurent())
-    with pytest.raises(OptionError, match="modulus"):
-        Laurent(modulus=-1.0)
 
 
 def test_an_annulus_has_no_single_loop():

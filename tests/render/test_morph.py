@@ -31,15 +31,6 @@ from tests.browser import browser, visit
 ANGLES = st.floats(-10, 10)
 
 
-def edges_of(faces: np.ndarray) -> np.ndarray:
-    return np.unique(np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1), axis=0)
-
-
-def edge_lengths(family: Faces, angle: float) -> np.ndarray:
-    points, edges = family.turned(angle), edges_of(family.faces)
-    return np.asarray(np.linalg.norm(points[edges[:, 1]] - points[edges[:, 0]], axis=1))
-
-
 def catenoid_on_a_ring() -> SpinorSurface:
     """p = 1, q = 1/z over the unit disk: ∮ φ dz is not 0 around the pole, and imaginary."""
     z = np.exp(2j * np.pi * np.arange(64) / 64)
@@ -71,17 +62,6 @@ def test_members_are_those_of_the_surface_up_to_a_shift(catenoid: Faces, angle: 
     np.testing.assert_allclose(catenoid.turned(angle).mean(axis=0), catenoid.vertices.mean(axis=0), atol=1e-12)
 
 
-def test_the_quarter_turn_of_the_catenoid_is_the_helicoid(catenoid: Faces) -> None:
-    known = gallery.catenoid()
-    reach = np.abs(known.surface.domain.boundary.vertices.real).max()
-    pitch = 0.5 / reach
-    helicoid = gallery.helicoid(pitch * np.sinh(reach), pitch, both_sides=True)
-    assert helicoid.area == pytest.approx(known.area, rel=1e-12)
-    z = mesh_surface(known.surface, vertices=600).points
-    apart = catenoid.turned(np.pi / 2)[: len(z)] - helicoid.position(z)
-    np.testing.assert_allclose(apart - apart.mean(axis=0), 0, atol=1e-12)
-
-
 @given(angle=ANGLES)
 @settings(max_examples=20)
 def test_the_metric_stays_to_round_off(angle: float) -> None:
@@ -94,19 +74,6 @@ def test_the_metric_stays_to_round_off(angle: float) -> None:
         along = z[:, None] + step * (nodes + 1) / 2
         lengths = [(np.asarray(s.conformal_factor(along)) * weights).sum(axis=1) for s in (surface, turned)]
         np.testing.assert_allclose(lengths[1], lengths[0], rtol=1e-14)
-
-
-def test_edges_keep_their_lengths_to_second_order() -> None:
-    surface = gallery.enneper(1.0).surface
-    errors, sizes = [], []
-    for vertices in (300, 1200, 4800):
-        family, *_ = surface_layers(surface, vertices=vertices, family=True)
-        own = edge_lengths(family, 0.0)
-        errors.append(np.abs(edge_lengths(family, 1.0) / own - 1).mean())
-        sizes.append(own.mean())
-    order = np.polyfit(np.log(sizes), np.log(errors), 1)[0]
-    assert order == pytest.approx(2, abs=0.15)
-    assert errors[-1] < 1e-4
 
 
 def test_a_view_holds_every_member(catenoid: Faces) -> None:
@@ -262,13 +229,3 @@ def test_the_command_takes_a_name_or_a_saved_surface(tmp_path: Path, capsys: pyt
     assert "it has associate, catenoid" in capsys.readouterr().err
     assert main(["morph", str(tmp_path / "none.safetensors"), "-o", str(first)]) == 2
     assert "none.safetensors" in capsys.readouterr().err
-
-
-def test_a_surface_without_family_is_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    saved = tmp_path / "ring.safetensors"
-    catenoid_on_a_ring().save(saved)
-    assert main(["morph", str(saved), "-o", str(tmp_path / "ring.gif")]) == 2
-    errors = capsys.readouterr().err
-    assert "does not close" in errors
-    assert errors.count("\n") == 1
-    assert not (tmp_path / "ring.gif").exists()

@@ -16,11 +16,10 @@ import spinor_geom
 from spinor_geom.bench.holes import plane_square
 from spinor_geom.bench.odd_holes import facing_rims
 from spinor_geom.cli.main import main
-from spinor_geom.errors import OptionError
 from spinor_geom.fill.fill_result import FillResult
 from spinor_geom.mesh.operators import face_areas
 from spinor_geom.render.loop_views import DISTANCE, GAUSS, MEAN, loop_views
-from spinor_geom.render.page import Views, cell
+from spinor_geom.render.page import Views
 from spinor_geom.render.report import MOST_FACES, _shown
 from tests.browser import Visit, browser, visit
 from tests.fill.shapes import collar, figure_eight, tube
@@ -266,11 +265,6 @@ def test_patches_have_the_numbers_of_their_loops(opened: Visit) -> None:
     assert opened.page.locator(".number").all_inner_texts() == ["0", "1"]
 
 
-def test_a_page_with_another_suffix_is_refused(result: FillResult, tmp_path: Path) -> None:
-    with pytest.raises(OptionError, match="html"):
-        spinor_geom.report(result, tmp_path / "page.pdf")
-
-
 def test_the_page_of_a_scan_is_small(tmp_path: Path) -> None:
     _, scan = spinor_geom.fill_hole(ROOT / "data" / "mountain.obj", [], return_report=True)
     path = tmp_path / "mountain.html"
@@ -299,23 +293,3 @@ def test_the_page_names_the_file_it_is_about(page: Path, tmp_path: Path) -> None
     text = spinor_geom.report(result)
     assert "<title>spinor-geom fill: a&amp;b.obj</title>" in text
     assert f"<p>{tmp_path}/a&amp;b.obj</p>" in text
-
-
-def test_the_page_of_a_smooth_fill_is_about_a_smooth_fill(tmp_path: Path) -> None:
-    _, result = spinor_geom.fill_hole(tube(), continuity="C1", return_report=True)
-    page = spinor_geom.report(result)
-    assert "filled with smooth continuations" in page
-    assert "Morse index" not in page
-    assert "bend of the film" in page
-    assert MEAN in page
-    _, film = spinor_geom.fill_hole(tube(), return_report=True)
-    page = spinor_geom.report(film)
-    assert "filled with minimal surfaces" in page
-    assert "Morse index" in page
-    assert "bend of the film" not in page
-
-
-def test_the_seconds_of_a_loop_are_counted_once() -> None:
-    _, result = spinor_geom.fill_hole(tube(), return_report=True)
-    total = result.loops[0].timings["total"]
-    assert f"<td>{cell(total, digits=6)}</td>" in spinor_geom.report(result)

@@ -116,12 +116,6 @@ def test_zeros_of_p_and_q_at_different_points_are_regular():
     assert surface([-0.3, 1], [0.3, 1]).branch_points() == ()
 
 
-def test_metric_has_a_zero_of_twice_the_order():
-    known = surface([0, 0, 1], [0, 0, 0, 0.5])
-    factor = known.conformal_factor(np.array([1e-2, 1e-3]))
-    assert abs(np.log10(factor[0] / factor[1]) - 4) < 1e-3  # λ ~ |z|⁴: p and q have zeros of order 2
-
-
 def test_a_branch_point_on_the_boundary_is_named():
     with pytest.raises(ZeroOnContourError, match="boundary") as error:
         surface([-1, 1], [-0.5, 0.5]).branch_points()

@@ -72,27 +72,6 @@ def test_position_of_the_root_is_the_constant_to_the_last_bit():
     np.testing.assert_array_equal(surface.position(np.array(surface.root)), surface.constant.detach().numpy())
 
 
-@pytest.mark.parametrize("shape", [(), (0,), (3, 0), (2, 3)])
-def test_shapes_of_closed_positions(shape):
-    surface = random_surface(0)
-    z = np.full(shape, 0.1 + 0.2j)
-    assert surface.position(z).shape == (*shape, 3)
-    assert surface.position(torch.from_numpy(z)).shape == (*shape, 3)
-
-
-def test_gradients_of_closed_positions_equal_those_of_quadrature():
-    surface = random_surface(1)
-    other = by_quadrature(surface)
-    z = torch.tensor([0.3 + 0.2j, -0.5j, 0.1], requires_grad=True)
-    gradients = []
-    for each in (surface, other):
-        parameters = [each.constant, surface.model.coefficients, z]
-        loss = (each.position(z) * torch.arange(9.0, dtype=torch.float64).reshape(3, 3)).sum()
-        gradients.append(torch.autograd.grad(loss, parameters))
-    for closed, plain in zip(*gradients, strict=True):
-        torch.testing.assert_close(closed, plain, rtol=0, atol=1e-11)
-
-
 def test_surfaces_of_thousands_of_terms_are_conformal():
     terms = 4000
     powers = 0.995 ** torch.arange(terms, dtype=torch.float64) / torch.arange(1, terms + 1)

@@ -87,14 +87,6 @@ def test_a_model_that_is_not_holomorphic_shows_its_mean_curvature():
     assert np.median(np.abs(surface.mean_curvature(z))) > 1e-2
 
 
-def test_mean_curvature_scales_with_the_inverse_length():
-    surface = SpinorSurface(NotHolomorphic(), PlaneDomain.disk(n=32))
-    z = points(surface.domain, 20)
-    np.testing.assert_allclose(
-        surface.transform(scale=10.0).mean_curvature(z) * 10, surface.mean_curvature(z), rtol=1e-9
-    )
-
-
 def test_points_at_anchors_and_at_the_root_are_ordinary():
     surface = polynomial([1, 0.5], [0.2, 0.4, 0.3]).surface
     z = np.append(surface.domain.triangulation.points[::7], [surface.root, 0])

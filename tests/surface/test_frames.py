@@ -71,15 +71,6 @@ def test_signs_are_continuous_however_the_roots_fall():
     assert float((p[1:] - p[:-1]).abs().max()) < 5 * np.pi / 200 * 1.01
 
 
-def test_lift_is_batched():
-    angle = 2 * np.pi * torch.arange(24, dtype=torch.float64) / 24
-    one = torch.exp(1j * angle)[:, None] * torch.tensor([1, -1j, 0], dtype=torch.complex128)
-    two = one[:, [0, 1, 2]].roll(3, dims=0)
-    p, q = frames.spinors_from_phi(torch.stack([one, two]))
-    for k, single in enumerate((one, two)):
-        assert torch.equal(torch.stack([p[k], q[k]]), torch.stack(frames.spinors_from_phi(single)))
-
-
 def rotation_from_su2(unitary):
     turned = formulas.phi(unitary[0, 0], unitary[1, 0])  # p = 1, q = 0 has φ = e₁ − i e₂
     first, second = turned.real, -turned.imag

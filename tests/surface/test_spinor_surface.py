@@ -129,16 +129,6 @@ def test_real_tensors_are_refused_and_real_arrays_are_points_of_the_real_axis():
     np.testing.assert_array_equal(surface.position(np.array([0.5])), surface.position(np.array([0.5 + 0j])))
 
 
-def test_positions_pass_through_the_transforms_of_torch():
-    surface = SpinorSurface.of(enneper(0.8).surface).requires_grad_(False)
-    z = torch.from_numpy(inside(surface.domain, 6))
-    xy = torch.view_as_real(z)
-    jacobian = torch.func.vmap(torch.func.jacfwd(lambda v: surface.position(torch.complex(v[0], v[1]))))(xy)
-    np.testing.assert_allclose(jacobian.mT @ jacobian, surface.first_fundamental_form(z), atol=1e-14)
-    single = torch.func.jacrev(lambda v: surface.position(torch.complex(v[0], v[1])))(xy[0])
-    np.testing.assert_allclose(single, jacobian[0], atol=1e-15)
-
-
 # --- area -------------------------------------------------------------------------------------------------------------
 
 
@@ -258,35 +248,11 @@ def test_a_constant_that_is_not_a_point_is_refused():
 # --- training ---------------------------------------------------------------------------------------------------------
 
 
-def position_loss(surface, z, target):
-    return (surface.position(z) - target).square().sum(dim=-1).mean()
-
-
 def untrained(seed=0):
     generator = torch.Generator().manual_seed(seed)
     start = 0.1 * torch.randn(4, 2, dtype=torch.complex128, generator=generator)
     start[0, 0] += 1
     return SpinorSurface(PowerSeries(start), PlaneDomain.disk(n=32))
-
-
-def test_lbfgs_recovers_enneper_from_its_rim():
-    surface, known = untrained(), enneper(1.0)
-    z = torch.from_numpy(np.exp(2j * np.pi * np.arange(24) / 24))
-    target = torch.from_numpy(known.position(z.numpy()))
-    optimiser = torch.optim.LBFGS(
-        surface.parameters(), max_iter=60, tolerance_grad=1e-12, line_search_fn="strong_wolfe"
-    )
-
-    def closure():
-        optimiser.zero_grad()
-        loss = position_loss(surface, z, target)
-        loss.backward()
-        return loss
-
-    optimiser.step(closure)
-    assert float(position_loss(surface, z, target).detach()) < 1e-9
-    inner = inside(surface.domain, 20)
-    np.testing.assert_allclose(surface.position(inner), known.position(inner), atol=1e-4)
 
 
 def test_gradients_by_parameters_and_points_are_right():

@@ -130,37 +130,30 @@ def test_a_checkpoint_of_other_options_or_another_curve_is_refused(tmp_path):
         train_by_rmsprop(curves.twisted_circle(amplitude=0.201), options=options)
 
 
-def test_a_damaged_checkpoint_is_refused(tmp_path):
-    path = tmp_path / "training.pt"
-    options = replace(SMALL, epochs=1, checkpoint=path)
-    train_by_rmsprop(CURVE, options=options)
-    content = bytearray(path.read_bytes())
-    content[len(content) // 3 : len(content) // 2] = b"?" * (len(content) // 2 - len(content) // 3)
-    path.write_bytes(content)
-    with pytest.raises(StorageError, match="cannot be read"):
-        train_by_rmsprop(CURVE, options=options)
+def test_files_that_are_no_checkpoint_are_refused_and_run_nothing(tmp_path, whole):
+    class Runs:
+        def __reduce__(self):
+            return (Path.touch, (tmp_path / "ran",))
 
+    def damaged(path):
+        train_by_rmsprop(CURVE, options=replace(SMALL, epochs=1, checkpoint=path))
+        content = path.read_bytes()
+        third, half = len(content) // 3, len(content) // 2
+        path.write_bytes(content[:third] + b"?" * (half - third) + content[half:])
 
-def test_a_file_of_something_else_is_refused(tmp_path, whole):
     for name, write in {
         "nothing": lambda path: path.write_bytes(b""),
         "bytes": lambda path: path.write_bytes(b"nonsense" * 9),
         "surface.safetensors": whole.surface.save,
         "module": lambda path: torch.save(whole.surface.state_dict(), path),
+        "program": lambda path: torch.save({"format": Runs()}, path),
+        "damaged": damaged,
     }.items():
         write(tmp_path / name)
-        with pytest.raises(StorageError, match="not a checkpoint"):
+        with pytest.raises(
+            StorageError, match="cannot be read" if name in ("program", "damaged") else "not a checkpoint"
+        ):
             train_by_rmsprop(CURVE, options=replace(SMALL, checkpoint=tmp_path / name))
-
-
-def test_a_checkpoint_runs_nothing(tmp_path):
-    class Runs:
-        def __reduce__(self):
-            return (Path.touch, (tmp_path / "ran",))
-
-    torch.save({"format": Runs()}, tmp_path / "training.pt")
-    with pytest.raises(StorageError, match="cannot be read"):
-        train_by_rmsprop(CURVE, options=replace(SMALL, checkpoint=tmp_path / "training.pt"))
     assert not (tmp_path / "ran").exists()
 
 
