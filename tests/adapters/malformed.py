@@ -255,6 +255,8 @@ OFF_FILES: Files = {
     "latin letters": (OFF.encode().replace(b"OFF", b"OFF # M\xfcller"), (3, 1)),
     "wide letters": (OFF.encode("utf-16"), "a zero byte"),
     "binary": (b"OFF BINARY\n\0\0\0\3", "a zero byte"),
+    "four coordinates": (OFF.replace("OFF", "4OFF"), "is not a supported kind of OFF"),
+    "binary by its keyword": (OFF.replace("OFF", "OFF BINARY"), "line 1: 'OFF BINARY' is not a supported kind of OFF"),
     "n coordinates": (OFF.replace("OFF", "nOFF"), "is not a supported kind of OFF"),
     "colours announced": (OFF.replace("OFF", "COFF"), "does not fit the keyword"),
     "another magic word": (OFF.replace("OFF", "ON"), "is not a supported kind of OFF"),

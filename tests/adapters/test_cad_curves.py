@@ -98,15 +98,23 @@ def test_several_wires_are_several_curves_in_their_order() -> None:
         to_rims(wires, 3)
 
 
-def test_an_edge_given_twice_counts_once() -> None:
-    edges = polyline((0, 0, 0), (1, 0, 0), (0, 1, 0))
-    (rim,) = to_rims([*edges, cad.Compound(edges[1:]), cad.Edge(edges[0].wrapped.Reversed())])
-    assert rim.edges == 3
+TRIANGLE = polyline((0, 0, 0), (1, 0, 0), (0, 1, 0))
 
 
-def test_edges_shorter_than_their_tolerance_are_left_out() -> None:
-    (rim,) = to_rims(polyline((0, 0, 0), (1, 0, 0), (1 + 5e-7, 0, 0), (1, 1, 0)))
-    assert rim.edges == 3
+@pytest.mark.parametrize(
+    ("shape", "edges"),
+    [
+        # an edge given twice counts once
+        ([*TRIANGLE, cad.Compound(TRIANGLE[1:]), cad.Edge(TRIANGLE[0].wrapped.Reversed())], 3),
+        # one that is shorter than its tolerance is left out
+        (polyline((0, 0, 0), (1, 0, 0), (1 + 5e-7, 0, 0), (1, 1, 0)), 3),
+        # edges without faces come before faces
+        (cad.Compound([cad.Box(1, 1, 1), cad.Wire.make_circle(3)]), 1),
+    ],
+)
+def test_edges_that_count(shape: Any, edges: int) -> None:
+    (rim,) = to_rims(shape)
+    assert (rim.kind, rim.edges) == ("edges", edges)
 
 
 def test_small_gaps_are_closed_and_reported() -> None:
@@ -128,11 +136,6 @@ def test_faces_give_their_free_boundary_directed_as_a_hole() -> None:
         points = rim.point(np.array(rim.corners))
         np.testing.assert_allclose(points[:, 2], 1.5)
         assert np.cross(points[1] - points[0], points[2] - points[1])[2] > 0
-
-
-def test_edges_without_faces_come_before_faces() -> None:
-    (rim,) = to_rims(cad.Compound([cad.Box(1, 1, 1), cad.Wire.make_circle(3)]))
-    assert (rim.kind, rim.edges) == ("edges", 1)
 
 
 def test_one_of_several_free_boundaries_is_chosen_by_its_number() -> None:

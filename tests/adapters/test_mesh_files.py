@@ -15,6 +15,7 @@ from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.mesh.topology import boundary_edges
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS, glb_file, is_closed, lid, lid_for, nothing, open_cube
+from tests.fill.shapes import obj_text
 
 SUFFIXES = [".obj", ".ply", ".stl", ".off", ".glb"]
 
@@ -195,8 +196,7 @@ def test_extensions_that_do_not_fit_are_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize("scale", [1e-300, 1e-30, 1e30, 1e300])
 def test_extreme_sizes_are_exact_in_text_and_refused_where_they_do_not_fit(tmp_path: Path, scale: float) -> None:
     vertices, faces = open_cube()
-    text = "".join(f"v {x!r} {y!r} {z!r}\n" for x, y, z in (vertices * scale).tolist())
-    (tmp_path / "a.obj").write_text(text + "".join(f"f {a} {b} {c}\n" for a, b, c in (faces + 1).tolist()))
+    (tmp_path / "a.obj").write_text(obj_text(vertices * scale, faces))
     file = read_mesh(tmp_path / "a.obj")
     for suffix in (".ply", ".off"):
         file.write(tmp_path / f"b{suffix}")

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -111,8 +112,33 @@ SPLIT = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 0, 0], [0, -0.0, 0], [1
 SIDES = [[0, 1, 2], [3, 4, 5]]
 
 
-def representatives(uv: list[float], faces: list[list[int]] = SIDES) -> list[int]:
-    return seam_representatives(SPLIT, polygons(*faces), [np.array(uv)[:, None]]).tolist()
+SQUARE = np.concatenate([SPLIT, [[0, -1, 0]]])
+THREE = np.concatenate([SPLIT, SPLIT[[1, 0]], [[0, 0, 1.0]]])
+
+
+@pytest.mark.parametrize(
+    ("points", "uv", "faces", "expected"),
+    [
+        # a seam takes the lowest vertex
+        (SPLIT, [0, 0, 0, 1, 1, 0], SIDES, [0, 1, 2, 1, 0, 5]),
+        # equal vertices stay apart
+        (SPLIT, [0, 0, 0, 0, 0, 0], SIDES, range(6)),
+        (SPLIT, None, SIDES, range(6)),
+        # a seam that ends at equal vertices is a slit; it may end at a shared vertex
+        (SPLIT, [0, 0, 0, 1, 0, 0], SIDES, range(6)),
+        (SPLIT, [0, 0, 0, 1, 1, 0], [[0, 1, 2], [3, 0, 5]], [0, 1, 2, 1, 4, 5]),
+        # pieces that touch in a vertex, or face each other wrongly
+        (SPLIT, [0, 0, 0, 1, 1, 0], [[0, 1, 2], [4, 3, 5]], range(6)),
+        (SQUARE, [0, 0, 0, 1, 1, 0, 0], [[0, 1, 2], [4, 6, 5]], range(7)),
+        # three edges at one position are ambiguous
+        (THREE, range(9), [*SIDES, [6, 7, 8]], range(9)),
+    ],
+)
+def test_seams_join_two_edges_that_differ_in_attributes_only(
+    points: np.ndarray, uv: Sequence[float] | None, faces: list[list[int]], expected: Sequence[int]
+) -> None:
+    attributes = [] if uv is None else [np.array(uv, dtype=float)[:, None]]
+    assert seam_representatives(points, polygons(*faces), attributes).tolist() == list(expected)
 
 
 def test_curves_tell_their_first_piece() -> None:
@@ -129,37 +155,6 @@ def test_chaining_keeps_every_segment_and_ends_only_at_junctions(pieces: list[li
     assert segments(curves) == segments(pieces)
     ends = Counter(end for piece in pieces for end in (piece[0], piece[-1]))
     assert all(ends[end] != 2 for curve in curves if curve[0] != curve[-1] for end in (curve[0], curve[-1]))
-
-
-def test_seam_takes_the_lowest_vertex() -> None:
-    assert representatives([0, 0, 0, 1, 1, 0]) == [0, 1, 2, 1, 0, 5]
-
-
-def test_equal_vertices_stay_apart() -> None:
-    assert representatives([0, 0, 0, 0, 0, 0]) == [0, 1, 2, 3, 4, 5]
-    assert seam_representatives(SPLIT, polygons(*SIDES), []).tolist() == [0, 1, 2, 3, 4, 5]
-
-
-def test_a_seam_that_ends_at_equal_vertices_is_a_slit() -> None:
-    assert representatives([0, 0, 0, 1, 0, 0]) == [0, 1, 2, 3, 4, 5]
-
-
-def test_a_seam_may_end_at_a_shared_vertex() -> None:
-    assert representatives([0, 0, 0, 1, 1, 0], [[0, 1, 2], [3, 0, 5]]) == [0, 1, 2, 1, 4, 5]
-
-
-def test_pieces_that_touch_in_a_vertex_or_face_each_other_wrongly_stay_apart() -> None:
-    assert representatives([0, 0, 0, 1, 1, 0], [[0, 1, 2], [4, 3, 5]]) == [0, 1, 2, 3, 4, 5]
-    points = np.concatenate([SPLIT, [[0, -1, 0]]])
-    uv = np.array([[0], [0], [0], [1], [1], [0], [0]])
-    assert seam_representatives(points, polygons([0, 1, 2], [4, 6, 5]), [uv]).tolist() == list(range(7))
-
-
-def test_three_edges_at_one_position_are_ambiguous() -> None:
-    points = np.concatenate([SPLIT, SPLIT[[1, 0]], [[0, 0, 1.0]]])
-    three = polygons(*SIDES, [6, 7, 8])
-    uv = np.arange(9.0)[:, None]
-    assert seam_representatives(points, three, [uv]).tolist() == list(range(9))
 
 
 def test_sliver_at_a_pole_is_left_out_and_a_broken_face_is_not() -> None:

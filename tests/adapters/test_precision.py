@@ -21,7 +21,7 @@ from spinor_geom.cli.main import main
 from spinor_geom.errors import PrecisionError
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.mesh.triangle_mesh import MeshExtension
-from tests.fill.shapes import tube
+from tests.fill.shapes import obj_text, tube
 
 SINGLE = (".stl", ".glb")
 ROUNDED = pytest.mark.parametrize("suffix", SINGLE)
@@ -34,9 +34,8 @@ def mesh_at(folder: Path, offset: np.ndarray, scale: float = 1.0, *, single: boo
     vertices = vertices * scale + offset
     if single:
         vertices = vertices.astype(np.float32).astype(np.float64)
-    rows = "".join(f"v {x!r} {y!r} {z!r}\n" for x, y, z in vertices.tolist())
     path = folder / "tube.obj"
-    path.write_text(rows + "".join(f"f {a} {b} {c}\n" for a, b, c in (faces + 1).tolist()))
+    path.write_text(obj_text(vertices, faces))
     return read_mesh(path)
 
 

@@ -16,16 +16,15 @@ from spinor_geom.cli.main import main
 from spinor_geom.errors import SpinorGeomError
 from spinor_geom.files import MESH_SUFFIXES, json_text, printable
 from spinor_geom.fill.fill_result import FillResult
-from tests.batching.files import record, vertex_lines, without_seconds
+from tests.batching.files import record, without_seconds
 from tests.batching.test_task import solved
-from tests.fill.shapes import cylinder, figure_eight, tube
+from tests.fill.shapes import cylinder, figure_eight, obj_text, tube
 
 Options = dict[str, Any]
 
 
 def as_obj(vertices: np.ndarray, faces: np.ndarray) -> bytes:
-    lines = "".join("f " + " ".join(map(str, face)) + "\n" for face in (np.asarray(faces) + 1).tolist())
-    return (vertex_lines(np.asarray(vertices, dtype=np.float64)) + lines).encode()
+    return obj_text(vertices, faces).encode()
 
 
 def ring_with_island() -> bytes:

@@ -61,6 +61,13 @@ def cylinder(rounds: int = 48, rows: int = 31, *, half: float = 2.0) -> tuple[np
     return rounds_and_rows(lambda a, z: (np.cos(a), np.sin(a), z), rounds, np.linspace(-half, half, rows))
 
 
+def obj_text(vertices: np.ndarray, faces: np.ndarray, *more: str) -> str:
+    """An OBJ file, with further lines at its end."""
+    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in np.asarray(vertices, dtype=np.float64).tolist()]
+    lines += ["f " + " ".join(map(str, face)) for face in (np.asarray(faces) + 1).tolist()]
+    return "\n".join([*lines, *more, ""])
+
+
 def folded_quad() -> tuple[np.ndarray, np.ndarray]:
     """Two triangles with the common edge (1, 3); of the diagonals of their hole, (0, 2) is free, (1, 3) is an edge."""
     vertices = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.5], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.5]])

@@ -13,13 +13,11 @@ from spinor_geom.adapters import read_mesh
 from spinor_geom.adapters.ply import read_records
 from spinor_geom.fill.fill_hole import fill_hole
 from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS
-from tests.fill.shapes import tube
+from tests.fill.shapes import obj_text, tube
 
 
 def write_obj(path: Path, vertices: np.ndarray, faces: np.ndarray, *more: str) -> Path:
-    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in vertices.tolist()]
-    lines += ["f " + " ".join(map(str, face)) for face in (faces + 1).tolist()]
-    path.write_text("\n".join([*lines, *more]) + "\n")
+    path.write_text(obj_text(vertices, faces, *more))
     return path
 
 

@@ -14,7 +14,7 @@ from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.loop_choice import boundary_loops
 from spinor_geom.mesh.topology import is_watertight, near_vertices
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
-from tests.fill.shapes import together
+from tests.fill.shapes import obj_text, together
 
 Mesh = tuple[np.ndarray, np.ndarray]
 
@@ -287,8 +287,7 @@ def test_each_patch_has_its_group(tmp_path: Path) -> None:
     vertices, faces = globe(8)
     open_ = faces[:-32]
     source = tmp_path / "a.obj"
-    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in vertices.tolist()]
-    source.write_text("\n".join([*lines, *(f"f {a} {b} {c}" for a, b, c in (open_ + 1).tolist())]) + "\n")
+    source.write_text(obj_text(vertices, open_))
     done = fill_hole(source)
     done.write(tmp_path / "b.obj")
     groups = [line for line in (tmp_path / "b.obj").read_text().splitlines() if line.startswith("g ")]

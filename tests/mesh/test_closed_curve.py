@@ -40,6 +40,14 @@ def test_polynomials_are_the_formula(curve, s):
         np.testing.assert_allclose(own(s), formula(s), rtol=0, atol=error * scale)
 
 
+def test_a_moved_curve_keeps_its_derivatives():
+    fitted = BoundaryCurve.from_formula(gallery.tennis_seam(0.8))
+    moved = fitted.placed(3 * fitted.coefficients[-1] + [1, 2, 3], 3.0)
+    s = np.linspace(0, 1, 77)
+    np.testing.assert_allclose(moved.point(s), 3 * fitted.point(s) + [1, 2, 3], rtol=0, atol=1e-14)
+    np.testing.assert_allclose(moved.derivative(s), 3 * fitted.derivative(s), rtol=0, atol=1e-13)
+
+
 def circle(**changes) -> ClosedCurve:
     def turned(order):
         def value(s):

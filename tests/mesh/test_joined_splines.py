@@ -107,6 +107,7 @@ def test_curves_move_with_their_poles(motion: RigidMotion, seed: int) -> None:
     )
     s = np.linspace(0, 1, 20)
     np.testing.assert_allclose(other.point(s), motion(one.point(s)), atol=1e-10)  # 1e4 times the rounding error
+    np.testing.assert_allclose(spline.reversed().point(s), spline.point(1 - s), atol=1e-13)
 
 
 def test_moved_ends_keep_straight_lines_straight() -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from spinor_geom.deadline import time_limit
-from spinor_geom.errors import OutOfTimeError
+from spinor_geom.errors import OptionError, OutOfTimeError
 from spinor_geom.mesh import near_edges as module
 from spinor_geom.mesh.intersections import _segment_distances
 from spinor_geom.mesh.near_edges import near_edges
@@ -50,6 +50,11 @@ def test_pairs_do_not_depend_on_how_many_are_found_at_once(monkeypatch):
     assert len(expected) > 200
     monkeypatch.setattr(module, "AT_ONCE", 1)
     np.testing.assert_array_equal(near_edges(starts, ends, 0.5, np.less), expected)
+
+
+def test_segments_are_finite():
+    with pytest.raises(OptionError):
+        near_edges(np.full((2, 3), np.nan), np.zeros((2, 3)), 1.0, np.less)
 
 
 def test_the_search_ends_at_the_time_limit():

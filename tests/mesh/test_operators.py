@@ -97,6 +97,7 @@ def test_the_laplacian_of_a_graph_has_degrees_on_its_diagonal_and_rows_of_sum_ze
     np.testing.assert_array_equal(np.diag(laplacian), [3, 2, 3, 2])
     np.testing.assert_array_equal(laplacian.sum(axis=1), 0)
     assert laplacian[1, 3] == 0
+    assert graph_laplacian(np.zeros((0, 3), dtype=np.int64)).shape == (0, 0)
 
 
 @pytest.mark.parametrize("faces", [np.zeros((0, 3), dtype=np.int64), FACE], ids=["no faces", "an unused vertex"])
