@@ -7,7 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import pyvista
 import torch
+import trimesh
+from vtkmodules.vtkCommonDataModel import vtkPolyData
 
 from spinor_geom.adapters import extend, known_types, register, to_mesh
 from spinor_geom.errors import UnknownMeshTypeError
@@ -37,6 +40,22 @@ def test_unknown_type_error_lists_the_known_ones(thing: object, message: str) ->
         extend(thing, lid())
 
 
+@pytest.mark.parametrize(
+    ("thing", "cure"),
+    [
+        (pyvista.MultiBlock([pyvista.Sphere()]), r"combine\(\).extract_surface\(\)"),
+        (pyvista.ImageData(dimensions=(3, 3, 3)), r"mesh.extract_surface\(\)"),
+        (pyvista.StructuredGrid(), r"mesh.extract_surface\(\)"),
+        (vtkPolyData(), r"pyvista.wrap\(mesh\)"),
+        (tuple(array.tolist() for array in open_cube()), "numpy.asarray"),
+        (trimesh.PointCloud(np.eye(3)), "reconstruct faces first"),
+    ],
+)
+def test_errors_name_the_cure_for_types_that_are_nearly_supported(thing: object, cure: str) -> None:
+    with pytest.raises(UnknownMeshTypeError, match=cure):
+        to_mesh(thing)
+
+
 def test_registered_adapter_serves_its_type_and_subclasses() -> None:
     @dataclass
     class Cloth:
@@ -63,22 +82,6 @@ def test_registered_adapter_serves_its_type_and_subclasses() -> None:
     assert len(to_mesh(Cloth(*open_cube())).faces) == 10
     assert isinstance(extend(Silk(*open_cube()), lid()), Silk)
     assert "Cloth" in known_types()
-
-
-def test_errors_name_the_cure_for_types_that_are_nearly_supported() -> None:
-    pyvista = pytest.importorskip("pyvista")
-    from vtkmodules.vtkCommonDataModel import vtkPolyData
-
-    vertices, faces = open_cube()
-    for given, cure in (
-        (pyvista.MultiBlock([pyvista.Sphere()]), r"combine\(\).extract_surface\(\)"),
-        (pyvista.ImageData(dimensions=(3, 3, 3)), r"mesh.extract_surface\(\)"),
-        (pyvista.StructuredGrid(), r"mesh.extract_surface\(\)"),
-        (vtkPolyData(), r"pyvista.wrap\(mesh\)"),
-        ((vertices.tolist(), faces.tolist()), "numpy.asarray"),
-    ):
-        with pytest.raises(UnknownMeshTypeError, match=cure):
-            to_mesh(given)
 
 
 def test_import_and_lookup_import_no_optional_library() -> None:

@@ -9,7 +9,6 @@ import pytest
 import trimesh
 
 from spinor_geom.adapters import MeshFile, read_mesh, to_mesh
-from spinor_geom.errors import UnknownMeshTypeError
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.loop_choice import boundary_loops
 from spinor_geom.mesh.topology import is_watertight
@@ -81,8 +80,3 @@ def test_an_stl_path_is_merged_filled_and_written_back(tmp_path: Path, kind: str
     back = read_mesh(tmp_path / "b.stl")
     assert np.array_equal(back.mesh.vertices[back.mesh.faces[: len(faces)]], corners[:-1])
     assert is_watertight(back.mesh.faces)
-
-
-def test_a_point_cloud_is_refused_with_advice() -> None:
-    with pytest.raises(UnknownMeshTypeError, match=r"PointCloud .* reconstruct faces first"):
-        fill_hole(trimesh.PointCloud(tube()[0]))
