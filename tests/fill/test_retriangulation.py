@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from spinor_geom.bench.holes import Hole
+from spinor_geom.bench.ragged import BALLS, bowl
 from spinor_geom.fill import retriangulation
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.new_patch import NewPatch
@@ -19,6 +20,8 @@ from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import Patch
 from tests.fill.test_clearance import NOISY, filled
 from tests.systems import every_second
+
+RAGGED = [bowl(45 + 5 * k, BALLS[k % 4], noise=0.01 * (k % 3), seed=100 + k) for k in range(8)]
 
 
 @pytest.mark.parametrize("continuity", ["C0", "C1"])
@@ -32,6 +35,13 @@ def test_replaced_faces_are_few_and_reported(hole: Hole, continuity: Literal["C0
     assert continuity == "C1" or outcome.faces_replaced > 0
     # a continuation that crosses the mesh, and can be cleared, is not dropped for the film
     assert (outcome.kind == "smooth") == (continuity == "C1")
+
+
+@pytest.mark.parametrize("hole", every_second([*NOISY, *RAGGED]), ids=lambda hole: hole.name)
+def test_no_face_and_no_edge_of_the_mesh_is_repeated(hole: Hole) -> None:
+    (_, faces), _ = filled(hole, "C0")
+    assert len(np.unique(np.sort(faces, axis=1), axis=0)) == len(faces)
+    assert (HalfEdges.of(faces).counts == 2).all()
 
 
 def tent(radius: float) -> tuple[PatchedMesh, NewPatch]:
