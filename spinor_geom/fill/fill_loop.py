@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from time import perf_counter
 from types import MappingProxyType
@@ -77,7 +77,9 @@ def fill_loop(
     clock = Clock({"solve": seconds})
     try:
         end = perf_counter() + options.time_limit - seconds
-        new = _new_patch(patched, index, (loop, *others.values()), solved, options, clock, end)
+        loops = loop, *others.values()
+        maker = _Maker(patched=patched, index=index, loops=loops, options=options, clock=clock, end=end)
+        new = maker.patch(solved)
         with _until(end):
             attributes, lowered = _attributes(patched, new)
     except SpinorGeomError as error:
@@ -114,112 +116,121 @@ def fill_loop(
     return outcome, LoopPatch(index=index, rim=new.rim, patch=patch, attributes=attributes)
 
 
-def _new_patch(
-    patched: PatchedMesh,
-    index: int,
-    loops: Sequence[BoundaryLoop],
-    solved: SolvedLoop | None,
-    options: FillOptions,
-    clock: Clock,
-    end: float,
-) -> NewPatch:
-    """A patch to be joined to the mesh: a film or, unless `continuity` is "C0", a continuation if it is good."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Maker:
+    """Makes the patch over a loop, or between several."""
 
-    @cache
-    def film() -> NewPatch:
-        exact = solved
-        if exact is None:
-            clock.lap("continuation")
-            options.on_stage(index, "exact surface")
-            exact = next(
-                solved_loops(loops, replace(options, time_limit=max(end - perf_counter(), _SECONDS_TO_REPORT)))
-            )
-            clock.lap("solve")
-        return _film(patched, index, loops, exact, options, clock, end)
+    patched: PatchedMesh
+    index: int  # of the first loop
+    loops: Sequence[BoundaryLoop]
+    options: FillOptions
+    clock: Clock
+    end: float  # of the time limit, a time of `perf_counter`
 
-    continuity = options.continuity_of(index)
-    if continuity == "C0":
-        return film()
-    options.on_stage(index, "mesh")
-    with _until((perf_counter() + end) / 2):
-        start = _start(loops[0], options) if solved is None else _first_patch(index, loops, solved, options)
-    clock.lap("mesh")
-    start, search = _fitted(patched, index, start, options, clock, end)
-    options.on_stage(index, "continuation")
-    # a film that is not solved yet needs half of the time
-    end_of_continuation = (perf_counter() + end) / 2 if solved is None else end
-    target = options.target_edge_length
+    def patch(self, solved: SolvedLoop | None) -> NewPatch:
+        """A patch to be joined to the mesh: a film or, unless `continuity` is "C0", a continuation if it is good."""
 
-    def continued(near: PatchedMesh, local: NewPatch, unit: float) -> NewPatch:
-        with _until(end_of_continuation):
-            lengths = GRADED if isinstance(target, str) else EdgeLengths(target / unit)
-            return smooth_patch(near, local, lengths, unit, film, is_choice=continuity == "auto")
+        @cache
+        def film() -> NewPatch:
+            exact = solved
+            if exact is None:
+                self.clock.lap("continuation")
+                self.options.on_stage(self.index, "exact surface")
+                left = max(self.end - perf_counter(), _SECONDS_TO_REPORT)
+                exact = next(solved_loops(self.loops, replace(self.options, time_limit=left)))
+                self.clock.lap("solve")
+            return self._film(exact)
 
-    try:
-        if perf_counter() + _SEARCHES * search > end:
-            raise NotContinuedError(f"{NOT_CONTINUED}: {NO_TIME}")
-        new = _changed(patched, start, continued, end)
-    except NotContinuedError as error:
-        new = film()
-        if new.kind == "strip":
-            raise SurfaceError(f"{new.reason}; {error}") from error
-        if continuity == "auto":
-            new = replace(new, choice=f"the film was chosen, because {error}")
-        else:
-            new = replace(new, remarks=(*new.remarks, str(error)))
-    clock.lap("continuation")
-    return new
+        continuity, end = self.options.continuity_of(self.index), self.end
+        if continuity == "C0":
+            return film()
+        self.options.on_stage(self.index, "mesh")
+        with _until((perf_counter() + end) / 2):
+            start = _start(self.loops[0], self.options) if solved is None else self._first_patch(solved)
+        self.clock.lap("mesh")
+        start, search = self._fitted(start)
+        self.options.on_stage(self.index, "continuation")
+        # a film that is not solved yet needs half of the time
+        end_of_continuation = (perf_counter() + end) / 2 if solved is None else end
+        target = self.options.target_edge_length
 
+        def continued(near: PatchedMesh, local: NewPatch, unit: float) -> NewPatch:
+            with _until(end_of_continuation):
+                lengths = GRADED if isinstance(target, str) else EdgeLengths(target / unit)
+                return smooth_patch(near, local, lengths, unit, film, is_choice=continuity == "auto")
 
-def _film(
-    patched: PatchedMesh,
-    index: int,
-    loops: Sequence[BoundaryLoop],
-    solved: SolvedLoop,
-    options: FillOptions,
-    clock: Clock,
-    end: float,
-) -> NewPatch:
-    """A minimal or discrete surface, or a strip, without intersections that can be avoided."""
-    options.on_stage(index, "mesh")
-    with _until(end):
-        new = _first_patch(index, loops, solved, options)
-    clock.lap("mesh")
-    new, search = _fitted(patched, index, new, options, clock, end)
-    if not len(new.crossings):
+        try:
+            if perf_counter() + _SEARCHES * search > end:
+                raise NotContinuedError(f"{NOT_CONTINUED}: {NO_TIME}")
+            new = self._changed(start, continued)
+        except NotContinuedError as error:
+            new = film()
+            if new.kind == "strip":
+                raise SurfaceError(f"{new.reason}; {error}") from error
+            if continuity == "auto":
+                new = replace(new, choice=f"the film was chosen, because {error}")
+            else:
+                new = replace(new, remarks=(*new.remarks, str(error)))
+        self.clock.lap("continuation")
         return new
-    if perf_counter() + _SEARCHES * search > end:
-        return replace(new, remarks=(*new.remarks, NOT_CLEARED))
 
-    def cleared(near: PatchedMesh, local: NewPatch, _: float) -> NewPatch:
-        with _until(end):
-            return without_intersections(near, local.fitted(near))
+    def _film(self, solved: SolvedLoop) -> NewPatch:
+        """A minimal or discrete surface, or a strip, without intersections that can be avoided."""
+        self.options.on_stage(self.index, "mesh")
+        with _until(self.end):
+            new = self._first_patch(solved)
+        self.clock.lap("mesh")
+        new, search = self._fitted(new)
+        if not len(new.crossings):
+            return new
+        if perf_counter() + _SEARCHES * search > self.end:
+            return replace(new, remarks=(*new.remarks, NOT_CLEARED))
 
-    new = _changed(patched, new, cleared, end)
-    clock.lap("clearance")
-    return new
+        def cleared(near: PatchedMesh, local: NewPatch, _: float) -> NewPatch:
+            with _until(self.end):
+                return without_intersections(near, local.fitted(near))
 
+        new = self._changed(new, cleared)
+        self.clock.lap("clearance")
+        return new
 
-def _fitted(
-    patched: PatchedMesh, index: int, new: NewPatch, options: FillOptions, clock: Clock, end: float
-) -> tuple[NewPatch, float]:
-    """A patch fitted to the mesh, and the seconds of the search for its intersections."""
-    options.on_stage(index, "crossings")
-    begin = perf_counter()
-    with _until(max(end, begin + _SECONDS_TO_REPORT)):
-        new = new.fitted(patched)
-    search = perf_counter() - begin
-    clock.lap("crossings")
-    return new, search
+    def _fitted(self, new: NewPatch) -> tuple[NewPatch, float]:
+        """A patch fitted to the mesh, and the seconds of the search for its intersections."""
+        self.options.on_stage(self.index, "crossings")
+        begin = perf_counter()
+        with _until(max(self.end, begin + _SECONDS_TO_REPORT)):
+            new = new.fitted(self.patched)
+        search = perf_counter() - begin
+        self.clock.lap("crossings")
+        return new, search
 
+    def _changed(self, new: NewPatch, change: Change) -> NewPatch:
+        """A patch changed in its loop's frame, and cleared of intersections that only the mesh's coordinates have."""
+        new, has_more = in_own_frame(self.patched, new, change)
+        if has_more:
+            with _until(self.end), suppress(OutOfTimeError):
+                new = retriangulated(self.patched, new)
+        return new
 
-def _changed(patched: PatchedMesh, new: NewPatch, change: Change, end: float) -> NewPatch:
-    """A patch changed in the frame of its loop, and cleared of intersections that only the mesh's coordinates have."""
-    new, has_more = in_own_frame(patched, new, change)
-    if has_more:
-        with _until(end), suppress(OutOfTimeError):
-            new = retriangulated(patched, new)
-    return new
+    def _first_patch(self, solved: SolvedLoop) -> NewPatch:
+        """The mesh of the exact surface; without one a discrete patch, or a strip between two loops to be continued."""
+        solution, error, loops, options = solved.solution, solved.error, self.loops, self.options
+        if solution is not None and error is None:
+            try:
+                return _exact_patch(solution, solved, options)
+            except SpinorGeomError as problem:
+                error = problem
+        assert error is not None
+        can_be_strip = options.continuity_of(self.index) != "C0" and len(loops) == 2 and isinstance(error, SurfaceError)
+        if isinstance(error, (NoAreaError, TooManyPointsError)) or (len(loops) > 1 and not can_be_strip):
+            raise error
+        reason, target = str(error), edge_length_over(loops, options.target_edge_length)
+        if can_be_strip:
+            strip = Patch.over(*ruled_annulus(loops[0].points, loops[1].points, target))
+            return NewPatch(patch=strip, rims=loops, reason=reason)
+        options.on_stage(self.index, "discrete surface")
+        discrete, what = discrete_patch(loops[0], target)
+        return NewPatch(patch=discrete, rims=loops, reason=f"{what}, because: {reason}")
 
 
 def _start(loop: BoundaryLoop, options: FillOptions) -> NewPatch:
@@ -227,28 +238,6 @@ def _start(loop: BoundaryLoop, options: FillOptions) -> NewPatch:
     patch, what = discrete_patch(loop, edge_length_over([loop], options.target_edge_length), FIRST_CHANGE)
     require_area(loop, 2 * patch.area / loop.perimeter)
     return NewPatch(patch=patch, rims=[loop], reason=what)
-
-
-def _first_patch(index: int, loops: Sequence[BoundaryLoop], solved: SolvedLoop, options: FillOptions) -> NewPatch:
-    """The mesh of the exact surface; without one a discrete patch, or a strip between two loops to be continued."""
-    solution, error = solved.solution, solved.error
-    if solution is not None and error is None:
-        try:
-            return _exact_patch(solution, solved, options)
-        except SpinorGeomError as problem:
-            error = problem
-    assert error is not None
-    can_be_strip = options.continuity_of(index) != "C0" and len(loops) == 2 and isinstance(error, SurfaceError)
-    if isinstance(error, (NoAreaError, TooManyPointsError)) or (len(loops) > 1 and not can_be_strip):
-        raise error
-    reason, target = str(error), edge_length_over(loops, options.target_edge_length)
-    if can_be_strip:
-        return NewPatch(
-            patch=Patch.over(*ruled_annulus(loops[0].points, loops[1].points, target)), rims=loops, reason=reason
-        )
-    options.on_stage(index, "discrete surface")
-    discrete, what = discrete_patch(loops[0], target)
-    return NewPatch(patch=discrete, rims=loops, reason=f"{what}, because: {reason}")
 
 
 def _exact_patch(solution: PlateauSolution, solved: SolvedLoop, options: FillOptions) -> NewPatch:
