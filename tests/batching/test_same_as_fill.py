@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -63,6 +64,7 @@ SHAPES: dict[str, Callable[[], bytes]] = {
     "eight.obj": lambda: knotted_walls(0.0),
     "nearly.obj": lambda: knotted_walls(0.1),
     "soup.obj": soup,
+    "coloured.obj": lambda: re.sub(rb"(v .*)\n", rb"\1 1 0.5 0\n", as_obj(*cylinder(12, 3))),
     "far.obj": lambda: as_obj(np.array([[1e308, 0, 0], [-1e308, 0, 0], [0, 1e308, 0]]), np.array([[0, 1, 2]])),
     "two\u00a0names.obj": lambda: b"o a\n" + as_obj(*cylinder(12, 3)) + b"g b\n" + b"f 1 2 3\n",
 }
