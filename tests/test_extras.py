@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import subprocess
 import sys
 from pathlib import Path
@@ -79,15 +78,6 @@ assert one.converged
 )
 def test_it_works_without_torch(program: tuple[str, str], tmp_path: Path) -> None:
     done = run_without(program[1], tmp_path)
-    assert done.stdout.endswith("DONE\n"), done.stderr
-
-
-@pytest.mark.slow
-def test_the_readme_works_without_torch(tmp_path: Path) -> None:
-    (tmp_path / "data").symlink_to(ROOT / "data")
-    (tmp_path / "out").mkdir()
-    blocks = re.findall(r"^```python\n(.*?)^```$", (ROOT / "README.md").read_text(), re.MULTILINE | re.DOTALL)
-    done = run_without("".join(blocks), tmp_path)
     assert done.stdout.endswith("DONE\n"), done.stderr
 
 

@@ -53,7 +53,7 @@ def distance_to_surface(points: np.ndarray, surface: SpinorSurface) -> np.ndarra
     return np.linalg.norm(surface.position(z) - points, axis=1)
 
 
-def measured(surface: SpinorSurface, curve: BoundaryCurve, samples: int = 5000) -> tuple[float, float]:
+def measured(surface: SpinorSurface, curve: BoundaryCurve, samples: int = 2000) -> tuple[float, float]:
     """RMS and largest distance of a surface's boundary from Γ, by arc length of ∂Ω, from public methods alone."""
     boundary = surface.domain.boundary
     # midpoints: no sample of any Gauss rule, and none on a vertex

@@ -70,7 +70,8 @@ def test_derivatives_of_the_energy():
         assert np.abs(column - hessian[:, k]).max() < 1e-2 * np.abs(column).max()
 
 
-@pytest.mark.parametrize("height", [pytest.param(height, marks=pytest.mark.slow) for height in ROOFS])
+@pytest.mark.slow
+@pytest.mark.parametrize("height", ROOFS)
 def test_roofs_over_masts(height):
     solution = solve_plateau(roof(height))
     assert solution.converged
@@ -102,6 +103,7 @@ def test_the_angle_at_a_corner_is_corrected():
     assert solution.area == pytest.approx(3.1205514, rel=1e-7)
 
 
+@pytest.mark.slow
 def test_each_rim_has_as_many_nodes_as_it_needs():
     # a square with rounded corners needs many, round masts few
     quarter = np.pi / 2 * np.arange(7) / 6

@@ -6,7 +6,6 @@ from hypothesis import given, settings
 
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau import solve_plateau
-from tests.loops import L_SHAPE, planar
 from tests.plateau.solved import CURVES, distance_to_surface
 from tests.strategies import rigid_motions
 
@@ -70,12 +69,3 @@ def test_reversed_loop_gives_the_same_surface_seen_from_behind():
     middle = int(np.abs(INNER - INNER.mean()).argmin())
     near = z[np.linalg.norm(back.surface.position(z) - points[middle], axis=1).argmin()]
     assert back.surface.normal(near) @ SOLUTION.surface.normal(INNER[middle]) < -0.9
-
-
-def test_starting_vertex_between_corners_does_not_matter():
-    loop = planar(L_SHAPE, 40)
-    first = 3
-    rolled = BoundaryLoop.from_points(
-        np.roll(loop.points, -first, axis=0), corners=(np.flatnonzero(loop.corners) - first) % len(loop)
-    )
-    assert abs(solve_plateau(rolled).area / solve_plateau(loop).area - 1) < 1e-8

@@ -36,17 +36,11 @@ def test_reported_residual_is_the_measured_one(solve):
     assert abs(largest - reported.max) < 0.2 * reported.max + 10 * rounding
 
 
-@pytest.mark.parametrize("name", ["half catenoid", "half helicoid"])
+@pytest.mark.parametrize("name", [pytest.param("half catenoid", marks=pytest.mark.slow), "half helicoid"])
 def test_reported_residual_with_corners_is_not_too_small(name):
     solution = recovered(name)
     rms, _ = measured(solution.surface, solution.curve)
     assert rms < 1.2 * solution.boundary_residual.rms + 1e-8 * solution.loop.diagonal
-
-
-def test_surface_passes_through_the_loop_points_within_the_residual():
-    solution = spanned("tennis seam")
-    gap = np.linalg.norm(solution.surface.position(solution.loop_points_in_domain()) - solution.loop.points, axis=1)
-    assert gap.max() < 1e-4 * solution.loop.mean_edge_length
 
 
 TRIANGLE = BoundaryLoop.from_points([(0, 0, 0), (5, 0, 0), (0, 1, 0)], corners=range(3))

@@ -118,6 +118,7 @@ def test_rough_rims_bound_one_disk_however_it_is_found():
     assert only.stability.verdict == "stable"
 
 
+@pytest.mark.slow
 def test_list_does_not_depend_on_the_first_point():
     points = seam(0.75, 64).points
     rolled = solve_plateau(BoundaryLoop.from_points(np.roll(points, 17, axis=0)), all_solutions=True)

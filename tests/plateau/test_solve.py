@@ -109,15 +109,6 @@ def test_a_helical_ramp():
     assert solution.boundary_residual.max_per_edge < 0.2
 
 
-def test_long_loop_is_thinned_but_followed_at_every_point():
-    loop = SURFACES["Enneper"].rim(400)
-    solution = solve_plateau(loop)
-    assert solution.converged
-    assert abs(solution.area / SURFACES["Enneper"].area - 1) < 1e-8
-    rim = solution.surface.position(solution.loop_points_in_domain())
-    assert np.linalg.norm(rim - loop.points, axis=1).max() < 1e-2 * loop.mean_edge_length
-
-
 # --- what the solution says of itself ---------------------------------------------------------------------------------
 
 

@@ -53,7 +53,9 @@ def test_large_enneper_disks_have_index_one(radius):
 THRESHOLDS = [(2 * np.pi, 3**0.5), (1.5 * np.pi, 2.0), (4 * np.pi, 1.55632078449915)]
 
 
-@pytest.mark.parametrize(("turn", "radius"), THRESHOLDS)
+@pytest.mark.parametrize(
+    ("turn", "radius"), [THRESHOLDS[0], *(pytest.param(*case, marks=pytest.mark.slow) for case in THRESHOLDS[1:])]
+)
 def test_helicoid_strips_lose_stability_at_the_known_width(turn, radius):
     def strip(share):
         return assess_stability(gallery.helicoid(share * radius, 1.0, turn=turn, both_sides=True).surface)
@@ -141,7 +143,10 @@ def power(degree: int, factor: float) -> SpinorSurface:
     return SpinorSurface(PowerSeries(coefficients), PlaneDomain.disk())
 
 
-@pytest.mark.parametrize("degree", [16, 63, 64, 128, 200, 255, 256, 257, 512, 1000, 1024])
+@pytest.mark.parametrize(
+    "degree",
+    [63, 64, 256, 1000, *(pytest.param(n, marks=pytest.mark.slow) for n in (16, 128, 200, 255, 257, 512, 1024))],
+)
 @pytest.mark.parametrize("factor", [1.0, 1.5])
 def test_powers_that_meshes_do_not_resolve_are_not_stable(degree: int, factor: float) -> None:
     """Their normals cover a hemisphere or more; sampled at as many equal steps as the degree, they seem constant."""
@@ -151,7 +156,7 @@ def test_powers_that_meshes_do_not_resolve_are_not_stable(degree: int, factor: f
     assert stability.total_curvature is None or stability.total_curvature >= 2 * np.pi
 
 
-@pytest.mark.parametrize("degree", [1, 2, 5, 16, 63])
+@pytest.mark.parametrize("degree", [1, 5, 16, pytest.param(63, marks=pytest.mark.slow)])
 def test_powers_over_small_caps_are_stable(degree: int) -> None:
     """The first eigenvalue is that of the cap, whatever the number of sheets."""
     assert assess_stability(power(degree, 0.3)).verdict == "stable"
@@ -171,7 +176,7 @@ def test_spinors_that_are_not_finite_give_no_verdict(value: float) -> None:
 def test_a_solve_that_is_cut_short_is_stable_only_with_a_possible_curvature() -> None:
     """After few steps p and q of rough loops are far from those of a surface over them."""
     solved = 0
-    for seed in range(8):
+    for seed in range(4):
         t = 2 * np.pi * np.arange(30) / 30
         points = np.stack([np.cos(t), np.sin(t), 0.5 * np.cos(2 * t)], axis=1)
         points += 0.1 * np.random.default_rng(seed).normal(size=points.shape)
@@ -179,7 +184,7 @@ def test_a_solve_that_is_cut_short_is_stable_only_with_a_possible_curvature() ->
             stability = solve_plateau(BoundaryLoop.from_points(points), max_iterations=2, unstable="keep").stability
             assert stability.verdict != "stable" or stability.total_curvature >= -1e-9
             solved += 1
-    assert solved >= 6
+    assert solved >= 3
 
 
 def test_meshes_without_area_are_a_typed_error_of_modes() -> None:

@@ -20,7 +20,7 @@ def farthest(solution, count=300):
     return np.linalg.norm(r - solution.curve.point(solution.curve.nearest(r)), axis=1).max()
 
 
-@pytest.mark.parametrize("optimizer", [None, "levenberg-marquardt", LevenbergMarquardt()])
+@pytest.mark.parametrize("optimizer", ["levenberg-marquardt", None])
 def test_levenberg_marquardt_is_the_default_and_meets_the_curve(optimizer):
     steps = []
     solution = solve_plateau(CURVE, model="mlp", optimizer=optimizer, on_iteration=steps.append)
@@ -56,6 +56,7 @@ def test_without_a_warm_start_it_begins_at_random_on_the_disk():
     assert farthest(solution) < 1e-4 * solution.loop.diagonal
 
 
+@pytest.mark.slow
 def test_a_loop_on_its_own_domain_keeps_it_and_follows_motions():
     points = gallery.ellipse(4.0, 0.3).sample(100).points
     loops = [BoundaryLoop.from_points(x) for x in (points, 7 * points + [3, -40, 2])]

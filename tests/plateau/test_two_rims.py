@@ -90,7 +90,8 @@ def test_rims_with_waves():
     assert exact.is_area_minimum
 
 
-@pytest.mark.parametrize(("waves", "amount"), [(5, 0.1), pytest.param(5, 0.2, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize(("waves", "amount"), [(5, 0.1), (5, 0.2)])
 def test_rims_with_many_waves_get_the_nodes_that_these_want(waves, amount):
     # with few nodes the energy has minima that are none of the surface's
     rims = (
@@ -326,7 +327,10 @@ def test_an_annulus_has_no_single_loop():
         _ = wavy().loop
 
 
-@pytest.mark.parametrize(("radius", "height", "x"), [(0.2, 0.05, 0.0), (0.2, 0.05, 0.5), (0.1, 0.1, 0.0)])
+@pytest.mark.parametrize(
+    ("radius", "height", "x"),
+    [(0.2, 0.05, 0.5), *(pytest.param(*size, 0.0, marks=pytest.mark.slow) for size in ((0.2, 0.05), (0.1, 0.1)))],
+)
 def test_a_small_rim_over_a_large_one_is_joined_to_it(radius, height, x):
     # of few nodes on each, all of those on the small one fall into one place, where nothing is left to span
     large, small = ring(1.0, 0.0, stretch=2.0), ring(radius, height, centre=(x, 0.1))
@@ -346,6 +350,7 @@ def squares(h, *, turn=0.0, edges=1):
     return [BoundaryLoop.from_points(some, corners=range(0, len(some), edges)) for some in points]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("h", [0.3, 0.6])
 def test_squares_over_each_other_are_met_with_many_nodes(h):
     # at their corners each doubling of the nodes takes little more than two fifths of the distance away
@@ -375,7 +380,8 @@ def test_squares_turned_against_each_other_are_met_at_their_corners(turn, edges,
         assert away.min(axis=1).max() < 1e-3
 
 
-@pytest.mark.parametrize(("first", "second"), [(5, 3), pytest.param(7, 4, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize(("first", "second"), [(5, 3), (7, 4)])
 def test_polygons_of_unlike_corners_are_met(first, second):
     loops = []
     for k, h in ((first, 0.0), (second, 0.45)):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import json
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -27,6 +25,7 @@ from spinor_geom.render.portrait import GAUSS, GRID_LINES, Portrait, grid_lines,
 from spinor_geom.render.scene import Faces
 from spinor_geom.surface.spinor_surface import SpinorSurface
 from tests.browser import browser, visit
+from tests.render.test_viewer import array, views_of
 
 ANGLES = st.floats(-10, 10)
 
@@ -162,19 +161,16 @@ def test_the_page_holds_surface_and_conjugate(tmp_path: Path) -> None:
     path = tmp_path / "enneper.html"
     morph(gallery.enneper(0.8).surface, path)
     text = path.read_text(encoding="utf-8")
-    (data,) = re.findall(r'<script type="application/json" id="views">(.*?)</script>', text, re.DOTALL)
-    (view,) = json.loads(data)
-    (data,) = re.findall(r'<script type="application/json" id="arrays">(.*?)</script>', text, re.DOTALL)
-    arrays = json.loads(data)
+    (view,) = views_of(text)
     surface, grid, rim = view["layers"]
     family, *_ = surface_layers(gallery.enneper(0.8).surface, family=True)
     assert view["layers"][0]["fields"].keys() == {GAUSS}
     for layer in (surface, grid, rim):
         for name, expected in (("vertices", family.vertices), ("conjugate", family.conjugate)):
-            found = np.frombuffer(base64.b64decode(arrays[layer[name]]), "<f4").reshape(-1, 3)
+            found = array(text, layer[name], "<f4").reshape(-1, 3)
             found = view["reach"] * (found - found.mean(axis=0)) + expected.mean(axis=0)
             np.testing.assert_allclose(found, expected, atol=1e-6)
-    assert np.frombuffer(base64.b64decode(arrays[surface["elements"]]), "<u4").max() == family.faces.max()
+    assert array(text, surface["elements"], "<u4").max() == family.faces.max()
 
 
 def test_the_slider_of_the_page_turns_the_surface_in_a_browser(tmp_path: Path) -> None:

@@ -1,18 +1,18 @@
 """Positions in closed form, and by quadrature along paths."""
 
 import numpy as np
-import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from spinor_geom.domain import FourierBoundary, PlaneDomain
-from spinor_geom.gallery import catenoid, enneper, helicoid
+from spinor_geom.gallery import enneper
 from spinor_geom.holomorphic.interpolant import CauchyInterpolant
 from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.surface.spinor_surface import SpinorSurface
 from tests.strategies import SEEDS
+from tests.surface.points import inside
 
 
 class Plain(torch.nn.Module):
@@ -36,13 +36,6 @@ def random_surface(seed, terms=9):
     return SpinorSurface(PowerSeries(coefficients), PlaneDomain.disk(n=32), rng.normal(size=3))
 
 
-def inside(domain, n, seed=0):
-    rng = np.random.default_rng(seed)
-    mesh = domain.triangulation
-    faces = mesh.points[mesh.faces[rng.integers(len(mesh.faces), size=n)]]
-    return (faces * rng.dirichlet([1, 1, 1], size=n)).sum(axis=1)
-
-
 def test_closed_positions_are_those_of_gauss_s_rule_on_power_series_alone():
     surface = enneper(1.0).surface
     assert surface.has_closed_positions
@@ -59,12 +52,6 @@ def test_closed_positions_equal_quadrature_on_every_surface_of_the_model(seed, a
     z = inside(surface.domain, 40, seed)
     expected = by_quadrature(surface).position(z)
     np.testing.assert_allclose(surface.position(z), expected, rtol=0, atol=1e-12 * np.abs(expected).max())
-
-
-@pytest.mark.parametrize("known", [catenoid(0.5), helicoid(1.0, 1.0)], ids=lambda known: known.name)
-def test_closed_positions_on_domains_that_are_no_disk(known):
-    z = inside(known.surface.domain, 100)
-    np.testing.assert_allclose(known.surface.position(z), known.position(z), atol=2e-14)
 
 
 def test_position_of_the_root_is_the_constant_to_the_last_bit():

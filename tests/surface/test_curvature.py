@@ -8,14 +8,7 @@ from spinor_geom.gallery import catenoid, helicoid, polynomial
 from spinor_geom.surface.array_surface import ArraySurface
 from spinor_geom.surface.curvature import mean_curvature
 from spinor_geom.surface.spinor_surface import SpinorSurface
-
-
-def points(domain, n, seed=0):
-    """Random points of Ω, up to its boundary."""
-    rng = np.random.default_rng(seed)
-    mesh = domain.triangulation
-    faces = mesh.points[mesh.faces[rng.integers(len(mesh.faces), size=n)]]
-    return (faces * rng.dirichlet([1, 1, 1], size=n)).sum(axis=1)
+from tests.surface.points import inside
 
 
 def fundamental_forms(position, z):
@@ -43,7 +36,7 @@ def test_sphere_has_curvature_towards_its_inner_normal():
 def test_forms_by_formula_equal_those_by_autodiff_of_the_position():
     known = polynomial([1, 0.3j, 0.2], [0.1, 1, -0.4j, 0.2])
     surface = SpinorSurface.of(known.surface).requires_grad_(False)
-    z = torch.from_numpy(points(surface.domain, 150))
+    z = torch.from_numpy(inside(surface.domain, 150))
     first, second, normal = fundamental_forms(surface.position, z)
     scale = surface.conformal_factor(z).square()[:, None, None]
     np.testing.assert_allclose(first / scale, surface.first_fundamental_form(z) / scale, atol=1e-13)
@@ -58,7 +51,7 @@ def test_mean_curvature_by_formula_is_that_by_autodiff_where_the_rule_is_coarse(
     for rule, order, tolerance in (("trapezoid", 16, 0.05), ("simpson", 4, 0.05)):
         exact = known.surface
         surface = ArraySurface(exact.model, exact.domain, exact.constant, quadrature=rule, order=order)
-        z = points(surface.domain, 150)
+        z = inside(surface.domain, 150)
         mean, by_autodiff = surface.mean_curvature(z), SpinorSurface.of(surface).mean_curvature(z)
         assert np.abs(by_autodiff).max() > 1e-8  # errors of the rule, not of rounding
         # the second derivatives have errors of the rule too
@@ -67,7 +60,7 @@ def test_mean_curvature_by_formula_is_that_by_autodiff_where_the_rule_is_coarse(
 
 def test_exact_surfaces_have_no_mean_curvature():
     for known in (polynomial([1], [0, 1]), polynomial([1, 0.5], [0.2, 0.4, 0.3]), catenoid(0.5), helicoid(2.0, 1.0)):
-        z = points(known.surface.domain, 300)
+        z = inside(known.surface.domain, 300)
         scale = np.sqrt(-known.surface.gauss_curvature(z)).max()  # the size of the principal curvatures
         assert np.abs(known.surface.mean_curvature(z)).max() < 1e-12 * max(scale, 1.0)
 
@@ -83,7 +76,7 @@ class NotHolomorphic(torch.nn.Module):
 
 def test_a_model_that_is_not_holomorphic_shows_its_mean_curvature():
     surface = SpinorSurface(NotHolomorphic(), PlaneDomain.disk(n=32))
-    z = points(surface.domain, 50)
+    z = inside(surface.domain, 50)
     assert np.median(np.abs(surface.mean_curvature(z))) > 1e-2
 
 

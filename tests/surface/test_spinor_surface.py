@@ -15,13 +15,7 @@ from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.holomorphic.laurent import LaurentSeries
 from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.surface.spinor_surface import SpinorSurface
-
-
-def inside(domain, n, seed=0):
-    rng = np.random.default_rng(seed)
-    mesh = domain.triangulation
-    faces = mesh.points[mesh.faces[rng.integers(len(mesh.faces), size=n)]]
-    return (faces * rng.dirichlet([1, 1, 1], size=n)).sum(axis=1)
+from tests.surface.points import inside
 
 
 def cauchy_surface(degree=6, count=24, seed=0):
