@@ -197,6 +197,13 @@ def test_work_is_bounded_where_the_boundary_residual_exceeds_the_tolerance() -> 
     assert surface.size < 25_000
 
 
+def test_surfaces_far_from_their_curve_are_reported() -> None:
+    loop = BoundaryLoop.from_points(gallery.random_curve(0).sample(60).points, corners=())
+    surface = spinor_geom.solve_plateau(loop, max_iterations=1).to_nurbs(tolerance=1e-2)
+    assert not surface.converged
+    assert "the solution has not converged" in surface.reason
+
+
 def test_bad_tolerances_and_suffixes_are_errors(tmp_path: Path) -> None:
     solution = SMOOTH["enneper"]()
     with pytest.raises(OptionError, match="tolerance"):
