@@ -249,6 +249,20 @@ class MeshFile(Shown):
             reason = "vertices have no texture coordinates of their own"
         return [*notes, *named.notes, f"the materials and textures are left out: {reason}"], {}, None
 
+    def textured(self) -> tuple[Texture, Float[np.ndarray, "f 3 2"]] | None:
+        """The only texture, and its coordinates at the corners of the triangles of `mesh`; None without a texture."""
+        contents = self.contents.split()
+        appearance = contents.appearance
+        if appearance is None or contents.attributes.get("uv", np.zeros((0, 0))).shape[1] < 2:
+            return None
+        named = None if self.path is None else Companions.of(self.path.parent, appearance.names)
+        texture = appearance.texture or (None if named is None else named.texture)
+        if texture is None:
+            return None
+        triangles, _ = contents.polygons.triangulated(contents.vertices)
+        _, kept = close_seams(triangles, contents.representatives)
+        return texture, contents.attributes["uv"][triangles[kept], :2]
+
     def _splits(self, suffix: str) -> bool:
         """Whether texture coordinates of corners become those of vertices when a format is written."""
         return self.contents.corner_uv is not None and suffix in TEXTURED and not self._follows(suffix)

@@ -6,6 +6,7 @@ mesh file or below it, without links, and only if it has the suffix of a materia
 
 from __future__ import annotations
 
+import io
 import os
 import re
 import stat
@@ -13,6 +14,9 @@ import struct
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
+
+import numpy as np
+from jaxtyping import UInt8
 
 from spinor_geom.files import safe_name
 
@@ -36,6 +40,17 @@ class Texture:
     def media_type(self) -> str:
         """As in `EMBEDDED`."""
         return EMBEDDED[PurePosixPath(self.name).suffix.lower()]
+
+    def pixels(self, largest: int) -> UInt8[np.ndarray, "h w 3"] | None:
+        """The image with at most `largest` pixels on its longer side; None if it cannot be read as an image."""
+        from PIL import Image  # of the extra `render`
+
+        try:
+            image = Image.open(io.BytesIO(self.data)).convert("RGB")
+        except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
+            return None
+        image.thumbnail((largest, largest))
+        return np.asarray(image)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

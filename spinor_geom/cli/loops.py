@@ -31,11 +31,13 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
     loops = find_boundary_loops(mesh.mesh, sheets)
     notes = mesh_notes(mesh.mesh, loops, sheets, useful_merging(mesh.mesh, loops))
     if arguments.picture is not None:
-        from spinor_geom.render.fill_scene import loops_scene
+        from spinor_geom.render.fill_scene import loops_scene, skin_of
         from spinor_geom.render.png import write_png
 
         arguments.picture.parent.mkdir(parents=True, exist_ok=True)
-        write_png(loops_scene(mesh.mesh, loops, up=up_axis(arguments.input)), arguments.picture)
+        write_png(
+            loops_scene(mesh.mesh, loops, up=up_axis(arguments.input), skin=skin_of(mesh, mesh.mesh)), arguments.picture
+        )
     if arguments.json:
         show_lines(json.dumps([_json(index, loop) for index, loop in enumerate(loops)], indent=2), piped=True)
     elif loops:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Literal
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float
 
 from spinor_geom.adapters import MeshFile
+from spinor_geom.adapters.contents import color_scale_of
 from spinor_geom.domain.delaunay import rim_successors
 from spinor_geom.files import up_axis
 from spinor_geom.fill.fill_result import FillResult, LoopOutcome
@@ -19,6 +20,7 @@ from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.render.camera import Camera
 from spinor_geom.render.scene import MESH, PATCH, Faces, Layer, Lines, Scene
 
+LARGEST_IMAGE = 2048  # pixels of the longer side of a texture that is shown
 UPWARDS = np.array([0.0, 0.0, 1.0])
 _MARGIN = 2.2  # radius shown around a small hole, in radii of the hole
 _CLOSE_UP = 0.5  # the close-up is used if its radius is below this share of the mesh's radius
@@ -31,7 +33,7 @@ def fill_scene(result: FillResult) -> tuple[Scene, Scene]:
     camera = hole_camera(
         np.concatenate([used_vertices(original), extension.vertices]), shown_loop(result.loops), up_of(result)
     )
-    mesh = mesh_layers(original, [outcome.loop for outcome in result.loops])
+    mesh = mesh_layers(original, [outcome.loop for outcome in result.loops], skin=skin_of(result.mesh, original))
     vertices = np.concatenate([original.vertices, extension.vertices])
     patch = Faces(vertices=vertices, faces=extension.faces, edges=True, **PATCH)
     return Scene(layers=mesh, camera=camera, title="open"), Scene(layers=[*mesh, patch], camera=camera, title="filled")
@@ -43,14 +45,18 @@ def up_of(result: FillResult) -> Literal["y", "z"]:
 
 
 def loops_scene(
-    mesh: TriangleMesh, loops: Sequence[BoundaryLoop], *, up: Literal["y", "z"] = "y"
+    mesh: TriangleMesh,
+    loops: Sequence[BoundaryLoop],
+    *,
+    up: Literal["y", "z"] = "y",
+    skin: Mapping[str, Any] | None = None,
 ) -> tuple[Scene, Scene]:
     """Two scenes of a mesh: against the longest loop's normal, and from behind. Loops are numbered where visible."""
     front = Camera.facing(used_vertices(mesh), loops[0].plane.normal if loops else UPWARDS, up)
     behind = Camera.around(used_vertices(mesh), -front.direction, front.up)
     nearest = [int(loop.vertex_ids[np.argmin(np.linalg.norm(loop.points - loop.centroid, axis=1))]) for loop in loops]
     is_behind = vertex_normals(mesh.vertices, mesh.faces)[nearest] @ front.direction < 0
-    layers = mesh_layers(mesh, loops)
+    layers = mesh_layers(mesh, loops, skin=skin)
 
     def seen(camera: Camera, title: str, shown: np.ndarray) -> Scene:
         labels = [(mesh.vertices[nearest[k]], str(k)) for k in np.flatnonzero(shown)]
@@ -59,9 +65,30 @@ def loops_scene(
     return seen(front, "boundary loops", ~is_behind), seen(behind, "from behind", is_behind)
 
 
-def mesh_layers(mesh: TriangleMesh, loops: Sequence[BoundaryLoop], *, edges: bool | str = False) -> list[Layer]:
-    """A mesh and its boundary loops; `edges` as in `Faces`."""
-    layers: list[Layer] = [Faces(vertices=mesh.vertices, faces=mesh.faces, edges=edges, **MESH)]
+def skin_of(source: object, mesh: TriangleMesh) -> dict[str, Any]:
+    """The texture of a mesh, or the colours of its vertices, as `skin` and `image` of `Faces`; empty without colours.
+
+    The triangles of `mesh` are the first ones of `source`, a MeshFile or another mesh.
+    """
+    file = source if isinstance(source, MeshFile) else None
+    if file and (found := file.textured()) is not None and (image := found[0].pixels(LARGEST_IMAGE)) is not None:
+        return {"skin": found[1][: len(mesh.faces)].reshape(-1, 2), "image": image}
+    colours = mesh.vertex_attributes.get("color")
+    if colours is None or colours.shape[1] < 3:
+        return {}
+    scale = file.contents.color_scale if file else color_scale_of(colours)
+    return {"skin": np.clip(colours[:, :3] / scale, 0.0, 1.0)}
+
+
+def mesh_layers(
+    mesh: TriangleMesh,
+    loops: Sequence[BoundaryLoop],
+    *,
+    edges: bool | str = False,
+    skin: Mapping[str, Any] | None = None,
+) -> list[Layer]:
+    """A mesh, with its own colours if `skin` has them, and its boundary loops; `edges` as in `Faces`."""
+    layers: list[Layer] = [Faces(vertices=mesh.vertices, faces=mesh.faces, edges=edges, **(skin or {}), **MESH)]
     if loops:
         points = np.concatenate([loop.points for loop in loops])
         segments = np.stack([np.arange(len(points)), rim_successors(tuple(map(len, loops)))], axis=1)

@@ -2,6 +2,7 @@
 
 import base64
 import html
+import io
 import json
 import math
 import os
@@ -11,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 
 from spinor_geom.errors import OptionError
 from spinor_geom.render.scene import UNKNOWN_COLOUR, VIRIDIS, Faces, Layer, Lines, Scene, overview
@@ -69,6 +70,15 @@ def cell(value: Any, digits: int = 4) -> str:
 def picture(data: bytes, alt: str) -> str:
     """A PNG as an `img` element that contains the data."""
     return f'<img alt="{html.escape(alt)}" src="data:image/png;base64,{base64.b64encode(data).decode()}">'
+
+
+def _address(image: UInt8[np.ndarray, "h w 3"]) -> str:
+    """An image as an address that contains it."""
+    from PIL import Image  # of the extra `render`
+
+    buffer = io.BytesIO()
+    Image.fromarray(image).save(buffer, format="jpeg", quality=90)
+    return f"data:image/jpeg;base64,{base64.b64encode(buffer.getvalue()).decode()}"
 
 
 class Views:
@@ -135,6 +145,7 @@ class Views:
         if isinstance(layer, Faces):
             fields = {name: self._array(values) for name, values in layer.fields.items()}
             data |= {"elements": data.pop("faces"), "fields": fields}
+            data["image"] = None if layer.image is None else _address(layer.image)
         elif isinstance(layer, Lines):
             data["elements"] = data.pop("edges")
         return {k: self._array(v) if isinstance(v, np.ndarray) else v for k, v in data.items() if v is not None}

@@ -164,6 +164,18 @@ def _add_faces(plotter: Any, layer: Faces, scales: dict[str, Scale], *, with_bar
             values, look["clim"] = np.clip(values, *ends), ends
         mesh.point_data[name or "values"] = values
         plotter.add_mesh(mesh, scalars=name or "values", cmap="viridis", show_scalar_bar=with_bar, **look)
+    elif layer.skin is not None and layer.image is None:
+        plotter.add_mesh(mesh, scalars=np.rint(255 * layer.skin).astype(np.uint8), rgb=True, **look)
+    elif layer.skin is not None:
+        corners = layer.faces.ravel()
+        faces: Any = np.arange(len(corners)).reshape(-1, 3)
+        mesh = pyvista.PolyData.from_regular_faces(layer.vertices[corners], faces)
+        mesh.point_data.active_normals = normals[corners]
+        mesh.active_texture_coordinates = layer.skin
+        as_texture: Any = pyvista.numpy_to_texture
+        texture = as_texture(layer.image)
+        texture.interpolate = True
+        plotter.add_mesh(mesh, color="white", texture=texture, **look)
     else:
         look |= {"show_edges": bool(layer.edges), "edge_opacity": 0.4}
         back = {"color": layer.inside or layer.colour, **_SURFACE}

@@ -59,9 +59,10 @@ class Portrait:
         vertices: Float[np.ndarray, "n 3"],
         faces: Int[np.ndarray, "f 3"],
         fields: Mapping[str, Float[np.ndarray, " n"]] | None = None,
+        skin: Mapping[str, Any] | None = None,
     ) -> Portrait:
-        """A mesh with its boundary, coloured by the first field, else with one colour for each side."""
-        surface = Faces(vertices=vertices, faces=faces, fields=fields or {}, **SIDES)
+        """A mesh with its boundary, coloured by the first field, else by its own colours, else each side in one."""
+        surface = Faces(vertices=vertices, faces=faces, fields=fields or {}, **(skin or {}), **SIDES)
         return cls(layers=(surface, Lines(vertices=vertices, edges=boundary_edges(faces), width=2.5)))
 
     def moved(self, matrix: ArrayLike, shift: ArrayLike = (0.0, 0.0, 0.0)) -> Portrait:

@@ -19,7 +19,7 @@ from spinor_geom.mesh.operators import face_areas
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.render.domain_colours import domain_colours
-from spinor_geom.render.fill_scene import hole_camera, mesh_layers, shown_loop, up_of, used_vertices
+from spinor_geom.render.fill_scene import hole_camera, mesh_layers, shown_loop, skin_of, up_of, used_vertices
 from spinor_geom.render.loop_views import (
     MEAN,
     SWITCHES,
@@ -137,7 +137,8 @@ def _scenes(result: FillResult, details: Sequence[LoopViews], views: Views) -> l
     shown = {one.outcome.index: one for one in details}
     loops = [outcome.loop for outcome in result.loops]
     mesh = _shown(result.original, np.concatenate([loop.points for loop in loops] or [result.original.vertices[:1]]))
-    layers = mesh_layers(mesh, loops, edges=WIREFRAME)
+    skin = skin_of(result.mesh, mesh) if mesh is result.original else {}  # a coarser mesh has other corners
+    layers = mesh_layers(mesh, loops, edges=WIREFRAME, skin=skin)
     for index, patch in patches.items():
         if index in shown:
             layers += shown[index].in_space()

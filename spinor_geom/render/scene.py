@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, UInt8
 
 from spinor_geom.mesh.array_checks import with_finite_rows
 from spinor_geom.render.camera import Camera, upright
@@ -56,6 +56,10 @@ class Faces(Layer):
     colour: str = PLAIN_COLOUR
     inside: str | None = None  # colour of the back side; None: the same colour
     fields: Mapping[str, Float[np.ndarray, " n"]] = field(default_factory=dict)  # by name, with the unit
+    # own colours, shown instead of `colour`: (n, 3) sRGB of the vertices, 0 to 1, or coordinates in `image` (3f, 2) of
+    # all corners, with the origin at the lower left
+    skin: Float[np.ndarray, "_ _"] | None = None
+    image: UInt8[np.ndarray, "h w 3"] | None = None
     edges: bool | str = False  # whether edges are drawn, or the check box of the page's panel that shows them
 
     def __post_init__(self) -> None:

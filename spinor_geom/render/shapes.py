@@ -3,7 +3,7 @@
 import html
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import Patch, mesh_patch, mesh_surface
 from spinor_geom.meshing.solid import Solid
 from spinor_geom.plateau.solution import PlateauSolution
+from spinor_geom.render.fill_scene import skin_of
 from spinor_geom.render.page import Views, document, table
 from spinor_geom.render.portrait import Portrait
 from spinor_geom.render.scene import MESH, PATCH, Faces, Layer, Scene, viridis
@@ -38,6 +39,7 @@ class Shape:
     vertices: Float[np.ndarray, "n 3"]
     faces: Int[np.ndarray, "f 3"]
     values: Mapping[str, np.ndarray]  # (n,) or (n, k), names as in `Shown`
+    skin: Mapping[str, Any] = field(default_factory=dict)  # own colours, see `skin_of`
     colour_field: str = MEAN  # name of the values shown as colours
     first_new: int | None = None  # the first face of the patches of a fill
     loops: Sequence[tuple[str, ...]] = ()  # rows of a table of the loops of a fill, its head first
@@ -50,7 +52,7 @@ class Shape:
     def portrait(self, *, curvature: bool) -> Portrait:
         """The triangles and their boundary, coloured by curvature or with one colour for each side."""
         name = f"{self.colour_field.replace('_', ' ')}, 1/unit{'²' * (self.colour_field == GAUSS)}"
-        return Portrait.of_mesh(self.vertices, self.faces, {name: self.curvature} if curvature else None)
+        return Portrait.of_mesh(self.vertices, self.faces, {name: self.curvature} if curvature else None, self.skin)
 
     def write_gltf(self, path: str | os.PathLike[str]) -> None:
         """See `Shown.to_gltf`."""
@@ -72,7 +74,7 @@ class Shape:
         views = Views()
         layers: Sequence[Layer] = self.portrait(curvature=True).layers
         if self.first_new is not None:
-            parts = (self.faces[: self.first_new], MESH), (self.faces[self.first_new :], PATCH)
+            parts = (self.faces[: self.first_new], {**MESH, **self.skin}), (self.faces[self.first_new :], PATCH)
             layers = [Faces(vertices=self.vertices, faces=faces, **look) for faces, look in parts]
         scene = Scene(title=facts, layers=layers, unit="mesh units")
         below = [table(self.loops[0], self.loops[1:])] if self.loops else []
@@ -101,12 +103,21 @@ def shape_of(shown: Any) -> Shape:
     if len(mesh.faces):
         curvature = discrete_mean_curvature(mesh.vertices, mesh.faces)
         mean[curvature.vertices] = curvature.values
-    shape = Shape(vertices=mesh.vertices, faces=mesh.faces, values={**mesh.vertex_attributes, MEAN: mean})
+    values = {**mesh.vertex_attributes, MEAN: mean}
     if not isinstance(shown, FillResult):
-        return shape
+        return Shape(vertices=mesh.vertices, faces=mesh.faces, values=values, skin=skin_of(shown, mesh))
     rows = [(str(o.index), str(len(o.loop)), o.kind or "open", str(o.faces_added), o.reason) for o in shown.loops]
     first = len(mesh.faces) - len(shown.extension.faces)
-    return replace(shape, first_new=first, loops=[("loop", "points", "patch", "new faces", "reason"), *rows])
+    return Shape(
+        vertices=mesh.vertices,
+        faces=mesh.faces,
+        values=values,
+        skin=skin_of(
+            shown.mesh, TriangleMesh(mesh.vertices, mesh.faces[:first], vertex_attributes=mesh.vertex_attributes)
+        ),
+        first_new=first,
+        loops=[("loop", "points", "patch", "new faces", "reason"), *rows],
+    )
 
 
 def _minimal(patch: Patch, surface: ArraySurface) -> Shape:

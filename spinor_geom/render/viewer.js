@@ -8,7 +8,7 @@
     made.textContent = text;
     return made;
   }
-  const colours = read("colours"), texts = read("arrays"), arrays = {};
+  const colours = read("colours"), texts = read("arrays"), arrays = {}, loading = [];
   const STOPS = colours.stops.map((stop) => new THREE.Color(stop)), UNKNOWN = new THREE.Color(colours.unknown);
 
   function array(index, Type) {
@@ -38,18 +38,23 @@
   // one shader for all surfaces, lit from the eye and from above; the materials of three.js take seconds to compile
   // without a graphics card
   const surface = (lit) => new THREE.ShaderMaterial({
-    uniforms: { inside: { value: new THREE.Vector4() }, lit: { value: lit } },
-    vertexShader: `varying vec3 n, c;
+    uniforms: {
+      inside: { value: new THREE.Vector4() }, lit: { value: lit }, image: { value: null }, textured: { value: 0 },
+    },
+    vertexShader: `varying vec3 n, c; varying vec2 place;
       void main() {
         n = normalMatrix * normal;
         c = color;
+        place = uv;
         gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
       }`,
-    fragmentShader: `varying vec3 n, c; uniform vec4 inside; uniform float lit;
+    fragmentShader: `varying vec3 n, c; varying vec2 place; uniform vec4 inside;
+      uniform float lit, textured; uniform sampler2D image;
       void main() {
         vec3 m = normalize(n) * (n.z < 0.0 ? -1.0 : 1.0);
         float light = 0.42 + 0.4 * m.z + 0.26 * max(dot(m, vec3(-0.4, 0.6, 0.69)), 0.0);
-        vec3 tint = mix(c, inside.rgb, gl_FrontFacing ? 0.0 : inside.a);
+        vec3 own = mix(c, texture2D(image, place).rgb, textured);
+        vec3 tint = mix(own, inside.rgb, gl_FrontFacing ? 0.0 : inside.a);
         gl_FragColor = vec4(tint * mix(1.0, light, lit), 1.0);
       }`,
     vertexColors: true,
@@ -102,11 +107,21 @@
       geometry.setIndex(new THREE.BufferAttribute(this.elements, 1));
       geometry.computeVertexNormals();
       this.material = surface(this.view.flat ? 0 : 1);
-      this.group.add(new THREE.Mesh(geometry, this.material));
       this.paint("");
+      this.group.add(new THREE.Mesh(this.image ? this.textured() : geometry, this.material));
       const thin = { wireframe: true, color: "#383d4a", transparent: true, opacity: 0.45 };
       this.wires = new THREE.Mesh(geometry, new THREE.MeshBasicMaterial(thin));
       this.group.add(this.wires);
+    }
+    // triangles with corners of their own, for texture coordinates that differ along seams
+    textured() {
+      const geometry = this.geometry.toNonIndexed(), { image, textured } = this.material.uniforms;
+      geometry.setAttribute("uv", new THREE.BufferAttribute(array(this.skin, Float32Array), 2));
+      const picture = Object.assign(new Image(), { src: this.image });
+      image.value = Object.assign(new THREE.Texture(picture), { wrapS: THREE.RepeatWrapping, wrapT: THREE.RepeatWrapping });
+      textured.value = 1;
+      loading.push(picture.decode().then(() => { image.value.needsUpdate = true; this.view.draw(); }));
+      return geometry;
     }
     buildStrokes() {
       const geometry = this.geometry = new THREE.InstancedBufferGeometry();
@@ -143,9 +158,11 @@
     }
     paint(field, range) {
       const index = this.fields[field], plain = new THREE.Color(this.colour);
-      const values = index === undefined ? null : array(index, Float32Array), shown = !values && this.inside;
-      const painted = array(this.vertices, Float32Array).slice();
-      for (let k = 0; 3 * k < painted.length; k++)
+      const values = index === undefined ? null : array(index, Float32Array);
+      const shown = !values && this.skin === undefined && this.inside;
+      const own = this.skin !== undefined && !this.image && !values;
+      const painted = array(own ? this.skin : this.vertices, Float32Array).slice();
+      for (let k = 0; 3 * k < painted.length && !own; k++)
         (values ? colourOf(values[k], range) : plain).toArray(painted, 3 * k);
       this.geometry.setAttribute("color", new THREE.BufferAttribute(painted, 3));
       this.material.uniforms.inside.value.set(...new THREE.Color(shown || plain).toArray(), shown ? 1 : 0);
@@ -308,6 +325,6 @@
       for (const { place } of data) document.getElementById(place).textContent = "this browser has no WebGL";
     for (const view of views) if (!view.panel) view.show(Object.keys(view.scales)[0] || "");
     for (const form of document.querySelectorAll("form.panel")) follow(form, views.filter((view) => view.panel));
-    document.title = (renderer ? "ready: " : "no WebGL: ") + document.title;
+    Promise.all(loading).then(() => { document.title = (renderer ? "ready: " : "no WebGL: ") + document.title; });
   });
 })();

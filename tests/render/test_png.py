@@ -53,6 +53,37 @@ def test_the_patch_is_orange_and_only_on_the_right(scene: tuple[Scene, ...], tmp
     assert [item.name for item in tmp_path.iterdir()] == ["picture.png"]
 
 
+SKINS = {"texture": "v {0} {1} {2}\n", "colours": "v {0} {1} {2} 0 0.8 0\n"}
+
+
+def green_tube(folder: Path, skin: str) -> Path:
+    """A file of a green tube: by a texture whose lower half is red, with a seam in each edge, or by colours."""
+    from PIL import Image
+
+    vertices, faces = tube()
+    image = np.full((8, 8, 3), (255, 0, 0), dtype=np.uint8)
+    image[:4] = (0, 200, 0)  # the upper half
+    Image.fromarray(image).save(folder / "skin.png")
+    (folder / "skin.mtl").write_text("newmtl skin\nmap_Kd skin.png\n")
+    lines = [SKINS[skin].format(*row) for row in vertices.tolist()]
+    lines += ["vt 0.1 0.9\n", "vt 0.9 0.9\n", "vt 0.9 0.6\n"] * (skin == "texture")
+    marks = ("/1", "/2", "/3") if skin == "texture" else ("", "", "")
+    lines += ["f " + " ".join(f"{v + 1}{mark}" for v, mark in zip(face, marks, strict=True)) + "\n" for face in faces]
+    (folder / "tube.obj").write_text("mtllib skin.mtl\n" + "".join(lines))
+    return folder / "tube.obj"
+
+
+@pytest.mark.parametrize("skin", SKINS)
+def test_pictures_show_the_colours_of_the_mesh(skin: str, tmp_path: Path) -> None:
+    source, picture = green_tube(tmp_path, skin), tmp_path / "picture.png"
+    commands = (["fill", str(source), "-o", str(tmp_path / "o.obj"), "--picture"], ["render", str(source), "-o"])
+    for command in (*commands, ["loops", str(source), "--picture"]):
+        assert main([*command, str(picture)]) == 0
+        red, green, blue = np.moveaxis(pixels(picture), -1, 0)
+        assert ((green > 2 * red) & (green > 2 * blue)).mean() > 0.04, command
+        assert ((red > 2 * green) & (red > 150) & (blue < 30)).mean() < 1e-4, command
+
+
 @pytest.mark.slow
 def test_rims_are_drawn_with_their_numbers_and_without_patches(tmp_path: Path) -> None:
     mesh = TriangleMesh(*tube())

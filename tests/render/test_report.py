@@ -23,6 +23,7 @@ from spinor_geom.render.page import Views
 from spinor_geom.render.report import MOST_FACES, _shown
 from tests.browser import Visit, browser, visit
 from tests.fill.shapes import collar, figure_eight, tube
+from tests.render.test_png import SKINS, green_tube
 
 ROOT = Path(__file__).parents[2]
 
@@ -263,6 +264,19 @@ def test_a_large_mesh_is_shown_whole_and_as_it_is_near_its_loops() -> None:
 
 def test_patches_have_the_numbers_of_their_loops(opened: Visit) -> None:
     assert opened.page.locator(".number").all_inner_texts() == ["0", "1"]
+
+
+@pytest.mark.parametrize("skin", SKINS)
+def test_the_page_shows_the_colours_of_the_mesh(skin: str, chromium: Any, tmp_path: Path) -> None:
+    _, result = spinor_geom.fill_hole(green_tube(tmp_path, skin), return_report=True)
+    spinor_geom.report(result, tmp_path / "page.html")
+    with visit(chromium, (tmp_path / "page.html").as_uri(), ready=True) as now:
+        for _ in range(10):  # by 0.1 each; the tube is seen along its axis at first
+            now.page.locator("canvas").first.press("ArrowUp")
+        red, green, blue = np.moveaxis(canvas(now, 0).astype(int), -1, 0)[:3]
+        assert now.errors == []
+    assert ((green > 2 * red) & (green > 2 * blue)).mean() > 0.04
+    assert ((red > 2 * green) & (red > 150) & (blue < 30)).mean() < 1e-3
 
 
 def test_the_page_of_a_scan_is_small(tmp_path: Path) -> None:
