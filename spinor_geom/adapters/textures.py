@@ -18,6 +18,7 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 from jaxtyping import UInt8
 
+from spinor_geom.errors import require
 from spinor_geom.files import safe_name
 
 LIBRARY, IMAGES = ".mtl", (".png", ".jpg", ".jpeg", ".bmp", ".tga", ".tif", ".tiff", ".gif", ".webp", ".dds", ".exr")
@@ -43,7 +44,8 @@ class Texture:
 
     def pixels(self, largest: int) -> UInt8[np.ndarray, "h w 3"] | None:
         """The image with at most `largest` pixels on its longer side; None if it cannot be read as an image."""
-        from PIL import Image  # of the extra `render`
+        require("PIL", extra="render")
+        from PIL import Image
 
         try:
             image = Image.open(io.BytesIO(self.data)).convert("RGB")

@@ -8,12 +8,13 @@ from typing import Any
 from spinor_geom.cli.console import ExitStatus, complain, show_lines, show_table
 from spinor_geom.cli.source import read_surface, require_writable
 from spinor_geom.errors import require
-from spinor_geom.files import up_axis
+from spinor_geom.files import up_axis, write_text
 from spinor_geom.fill.mesh_notes import mesh_notes, useful_merging
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.find_loops import Sheets, find_boundary_loops
 from spinor_geom.mesh.intersections import loop_crossings
 from spinor_geom.mesh.triangle_mesh import require_faces
+from spinor_geom.render.page import require_html
 
 COLUMNS = ("loop", "points", "perimeter", "mean edge", "size", "centre", "elongation", "corners", "remark")
 # columns to leave out on a narrow terminal, in this order
@@ -21,10 +22,13 @@ _OPTIONAL = ("elongation", "mean edge", "corners", "size", "centre", "perimeter"
 
 
 def run(arguments: argparse.Namespace) -> ExitStatus:
-    """Prints a table or JSON, and draws the picture."""
+    """Prints a table or JSON, draws the picture and writes the page."""
     if arguments.picture is not None:
         require("pyvista", extra="render")
         require_writable(arguments.picture, arguments.input)
+    if arguments.html is not None:
+        require_html(arguments.html)
+        require_writable(arguments.html, arguments.input)
     mesh = read_surface(arguments.input, merge=arguments.merge)
     require_faces(mesh.mesh)
     sheets = Sheets.of(mesh.mesh.vertices, mesh.mesh.faces)
@@ -38,12 +42,19 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
         write_png(
             loops_scene(mesh.mesh, loops, up=up_axis(arguments.input), skin=skin_of(mesh, mesh.mesh)), arguments.picture
         )
+    rows = [_row(index, loop) for index, loop in enumerate(loops)]
+    if arguments.html is not None:
+        from spinor_geom.render.report import loops_page
+
+        page = loops_page(mesh, loops, [COLUMNS, *rows], name=arguments.input.name, up=up_axis(arguments.input))
+        arguments.html.parent.mkdir(parents=True, exist_ok=True)
+        write_text(arguments.html, page)
     if arguments.json:
         show_lines(json.dumps([_json(index, loop) for index, loop in enumerate(loops)], indent=2), piped=True)
     elif loops:
         show_table(
             COLUMNS,
-            [_row(index, loop) for index, loop in enumerate(loops)],
+            rows,
             piped=True,
             optional=_OPTIONAL,
             wrapped=COLUMNS[-1],

@@ -326,6 +326,7 @@ def _add_loops(commands: _Commands) -> None:
     _add_input(add)
     add("--json", **_FLAG, help="print JSON")
     add("--picture", **_path("PNG"), help="draw the mesh from two sides, with numbered loops")
+    add("--html", **_path("HTML"), help="write a page with the mesh to turn, its numbered loops and the table")
 
 
 def _add_compare(commands: _Commands) -> None:

@@ -4,7 +4,8 @@ import html
 import io
 import os
 from collections.abc import Mapping, Sequence
-from typing import Any
+from dataclasses import replace
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Complex
@@ -15,11 +16,20 @@ from spinor_geom.comparison import Comparison
 from spinor_geom.errors import require, require_type
 from spinor_geom.files import write_text
 from spinor_geom.fill.fill_result import FillResult, LoopOutcome
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import face_areas
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.render.domain_colours import domain_colours
-from spinor_geom.render.fill_scene import hole_camera, mesh_layers, shown_loop, skin_of, up_of, used_vertices
+from spinor_geom.render.fill_scene import (
+    hole_camera,
+    loops_scene,
+    mesh_layers,
+    shown_loop,
+    skin_of,
+    up_of,
+    used_vertices,
+)
 from spinor_geom.render.loop_views import (
     MEAN,
     SWITCHES,
@@ -98,6 +108,27 @@ def report(
     if path is not None:
         write_text(path, text)
     return text
+
+
+def loops_page(
+    mesh: MeshFile, loops: Sequence[BoundaryLoop], rows: Sequence[Sequence[str]], *, name: str, up: Literal["y", "z"]
+) -> str:
+    """A page with a mesh, its numbered loops, and a table whose head is the first of `rows`."""
+    whole = mesh.mesh
+    shown = _shown(whole, np.concatenate([loop.points for loop in loops] or [whole.vertices[:1]]))
+    front, _ = loops_scene(whole, loops, up=up)
+    scene = replace(
+        front,
+        title="The mesh and its loops with their numbers",
+        layers=mesh_layers(shown, loops, skin=skin_of(mesh, whole) if shown is whole else {}),
+        labels=[(loop.points[0], str(number)) for number, loop in enumerate(loops[:_MOST_LABELS])],
+        unit="mesh units",
+    )
+    views, title = Views(), html.escape(f"Boundary loops of {name}")
+    body = [f"<h1>{title}</h1>", views.figure(scene), f"<p><small>{_KEYS}</small></p>"]
+    return document(
+        title, [*body, f'<div class="all">{table(rows[0], rows[1:])}</div>', views.script()], style=_PAGE_STYLE
+    )
 
 
 def _how(result: FillResult) -> str:

@@ -194,7 +194,8 @@ def test_a_loop_that_crosses_itself_is_named_and_listed(tmp_path: Path, capsys: 
     assert "the loop crosses or touches itself: its edges" in printed
     assert main(["loops", str(path)]) == 0
     assert capsys.readouterr().out.count("crosses or touches itself at 1 pair of edges") == 2
-    assert main(["loops", str(path), "--json"]) == 0
+    assert main(["loops", str(path), "--json", "--html", str(tmp_path / "loops.html")]) == 0
+    assert "<h1>Boundary loops of eight.obj</h1>" in (tmp_path / "loops.html").read_text(encoding="utf-8")
     assert [entry["crossings"] for entry in json.loads(capsys.readouterr().out)] == [1, 1]
 
 
