@@ -223,9 +223,10 @@ def _silent() -> Iterator[None]:
 
 
 def _shortest_side(points: Float[np.ndarray, "n m 3"]) -> float:
-    """Length of the shortest control polygon of a side."""
+    """Length of the shortest control polygon of a side that does not lie in a point."""
     sides = (points[0], points[-1], points[:, 0], points[:, -1])
-    return min(float(np.linalg.norm(np.diff(side, axis=0), axis=1).sum()) for side in sides)
+    lengths = [float(np.linalg.norm(np.diff(side, axis=0), axis=1).sum()) for side in sides]
+    return min(length for length in lengths if length > 0)
 
 
 def _spline_surface(patch: NurbsPatch, points: Float[np.ndarray, "n m 3"]) -> Any:

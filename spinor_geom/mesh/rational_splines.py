@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from itertools import product
 from math import comb
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -109,8 +110,7 @@ class NurbsPatch:
 
     def side(self, number: int) -> NurbsCurve:
         """One of the four sides as a curve."""
-        place = ((slice(None), 0), (-1, slice(None)), (slice(None), -1), (0, slice(None)))[number]
-        points, weights = self.control_points[place], self.weights[place]
+        points, weights = self.control_points[on_side(number)], self.weights[on_side(number)]
         return NurbsCurve(control_points=points, weights=weights, knots=self.knots[number % 2])
 
     def normals_on(self, number: int, at: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
@@ -127,6 +127,11 @@ class NurbsPatch:
         (u, by_u), (v, by_v) = (_nodes(*each, more) for each in zip(self.knots, self.degrees, strict=True))
         along, across = (self.grid(u, v, derivatives=orders) for orders in ((1, 0), (0, 1)))
         return float(by_u @ np.linalg.norm(np.cross(along, across), axis=2) @ by_v)
+
+
+def on_side(number: int) -> tuple[Any, Any]:
+    """The place of a side in an array of control points, or of values at points of a patch."""
+    return ((slice(None), 0), (-1, slice(None)), (slice(None), -1), (0, slice(None)))[number]
 
 
 def homogeneous(points: Float[np.ndarray, "*n 3"], weights: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n 4"]:

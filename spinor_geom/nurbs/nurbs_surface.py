@@ -16,12 +16,13 @@ from spinor_geom.adapters.open_cascade import Unit, require_cad_suffix, sewn_she
 from spinor_geom.deadline import is_out_of_time
 from spinor_geom.errors import OptionError, OutOfTimeError, require_positive
 from spinor_geom.mesh.boundary_loop import diagonals
-from spinor_geom.mesh.rational_splines import NurbsCurve, NurbsPatch, homogeneous
+from spinor_geom.mesh.rational_splines import NurbsCurve, NurbsPatch, homogeneous, on_side
 from spinor_geom.nurbs.blocks import Blocks
+from spinor_geom.nurbs.one_patch import OnePatch
 from spinor_geom.nurbs.polynomial_disk import QUADS, PolynomialDisk
 from spinor_geom.nurbs.rims import Rim
 from spinor_geom.nurbs.samples import Samples
-from spinor_geom.nurbs.strips import NEARER_AT_RIMS, Fit, QuadMesh, fitted, share_sides
+from spinor_geom.nurbs.strips import NEARER_AT_RIMS, Fit, QuadMesh, Sampler, fitted, share_sides
 from spinor_geom.plateau.route_result import FAILURES
 from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution
 from spinor_geom.plateau.threads import one_thread
@@ -129,8 +130,9 @@ class NurbsSurface:
 
     @property
     def boundary_curves(self) -> tuple[tuple[NurbsCurve, ...], ...]:
-        """The curves of each rim, in order."""
-        return tuple(tuple(self.patches[patch].side(side) for patch, side in rim) for rim in self.rims)
+        """The curves of each rim, in order and in the direction of the surface's boundary."""
+        sides = (((self.patches[patch].side(side), side) for patch, side in rim) for rim in self.rims)
+        return tuple(tuple(curve if side < 2 else curve.reversed() for curve, side in rim) for rim in sides)
 
     def shell(self, *, unit: Unit = "mm") -> Any:
         """The patches as a sewn shell of Open CASCADE, a `TopoDS_Shape` in millimetres; raises as `sewn_shell`.
@@ -178,16 +180,13 @@ def nurbs_surface(solution: PlateauSolution, tolerance: float) -> NurbsSurface:
         if disk is not None and disk.is_representable and missed <= tolerance * diagonal / NEARER_AT_RIMS:
             return _exact(disk, diagonal, missed, tolerance)
         rims = Rim.all_of(solution)
-        blocks = Blocks.of(solution.domain, rims)
-        samples = Samples(surface=solution.array_surface, rims=rims, blocks=blocks, accuracy=_OF_TOLERANCE * tolerance)
-        mesh = QuadMesh(quads=blocks.quads, ring=len(blocks.parts))
-        fit = fitted(mesh, samples.on, tolerance * diagonal)
+        mesh, fit, sample = _one_patch(solution, rims, tolerance * diagonal) or _patches(solution, rims, tolerance)
         patches = tuple(
             NurbsPatch(control_points=net, weights=np.ones(net.shape[:2]), knots=(u.knots, v.knots))
             for net, (u, v) in zip(fit.nets, fit.spaces, strict=True)
         )
         seams = _seams(mesh)
-        surface, rim, moved = _distances(patches, fit, samples)
+        surface, rim, moved = _distances(patches, mesh, fit, sample)
         normals = _largest_angle(patches, seams, [(u.between, v.between) for u, v in fit.spaces])
     deviations = NurbsDeviations(surface=surface, rim=rim, normals=normals, diagonal=diagonal)
     reached = f"{fit.error / diagonal:.1e} of the diagonal with {fit.points} control points"
@@ -206,7 +205,7 @@ def nurbs_surface(solution: PlateauSolution, tolerance: float) -> NurbsSurface:
     return NurbsSurface(
         patches=patches,
         seams=seams,
-        rims=_rims(blocks.sizes),
+        rims=mesh.rims,
         deviations=deviations,
         tolerance=tolerance,
         converged=within and is_met and has_converged,
@@ -232,11 +231,31 @@ def _within(solution: PlateauSolution, allowed: float) -> PlateauSolution:
             break
         if isinstance(again, NoConnectedSurface) or abs(again.area - solution.area) > _SAME_AREA * solution.area:
             break
-        if again.boundary_residual.max >= residual.max:
-            break
-        solution, residual = again, again.boundary_residual
-        tolerance = min(tolerance, residual.rms_per_edge)
+        if again.boundary_residual.max < residual.max:
+            solution, residual = again, again.boundary_residual
+            tolerance = min(tolerance, residual.rms_per_edge)
     return solution
+
+
+def _one_patch(solution: PlateauSolution, rims: Sequence[Rim], allowed: float) -> tuple[QuadMesh, Fit, Sampler] | None:
+    """One patch over a curve with 2 to 4 corners; None if it would be folded or is not within the allowed distance."""
+    patch = OnePatch.of(solution.array_surface, rims)
+    if patch is None:
+        return None
+    fit = fitted(patch.mesh, patch.on, allowed)
+    for side in np.flatnonzero(patch.collapsed).tolist():
+        row = fit.nets[0][on_side(side)]
+        row[:] = row[0]
+    return (patch.mesh, fit, patch.on) if fit.error <= allowed else None
+
+
+def _patches(solution: PlateauSolution, rims: tuple[Rim, ...], tolerance: float) -> tuple[QuadMesh, Fit, Sampler]:
+    """Rings of patches along the rims, and patches inside the rings."""
+    blocks = Blocks.of(solution.domain, rims)
+    samples = Samples(surface=solution.array_surface, rims=rims, blocks=blocks, accuracy=_OF_TOLERANCE * tolerance)
+    mesh = QuadMesh(quads=blocks.quads, rims=_rims(blocks.sizes))
+    diagonal = max(rim.loop.diagonal for rim in solution.rims)
+    return mesh, fitted(mesh, samples.on, tolerance * diagonal), samples.on
 
 
 def _rims(sizes: Sequence[int]) -> tuple[tuple[tuple[int, int], ...], ...]:
@@ -247,7 +266,7 @@ def _rims(sizes: Sequence[int]) -> tuple[tuple[tuple[int, int], ...], ...]:
 
 def _exact(disk: PolynomialDisk, diagonal: float, missed: float, tolerance: float) -> NurbsSurface:
     """The exact patches of a disk whose boundary is at most `missed` from the given curve."""
-    mesh = QuadMesh(quads=QUADS, ring=4)
+    mesh = QuadMesh(quads=QUADS, rims=_rims((4,)))
     patches, error = disk.patches()
     nets = [homogeneous(patch.control_points, patch.weights) for patch in patches]
     share_sides(mesh, nets)
@@ -260,7 +279,7 @@ def _exact(disk: PolynomialDisk, diagonal: float, missed: float, tolerance: floa
     return NurbsSurface(
         patches=tuple(patches),
         seams=seams,
-        rims=_rims((4,)),
+        rims=mesh.rims,
         deviations=NurbsDeviations(surface=error, rim=missed + error, normals=normals, diagonal=diagonal),
         tolerance=tolerance,
         converged=True,
@@ -282,24 +301,24 @@ def _seams(mesh: QuadMesh) -> tuple[Seam, ...]:
     return tuple(found)
 
 
-def _distances(patches: Sequence[NurbsPatch], fit: Fit, samples: Samples) -> tuple[float, float, float]:
+def _distances(patches: Sequence[NurbsPatch], mesh: QuadMesh, fit: Fit, sample: Sampler) -> tuple[float, float, float]:
     """Largest distances of patches from the surface, of rims from Γ, and of the surface's rims from Γ.
 
-    They are measured at equal parameters, halfway between the nodes.
+    They are measured at equal parameters, halfway between the nodes, and on the sides.
     """
-    rims = len(samples.blocks.parts)
-    grids = []
-    for quad, (u, v) in enumerate(fit.spaces):
-        across = np.append(0.0, v.between) if quad < rims else v.between
-        grids.append((quad, u.between, across, v.breaks))
-    surface, rim, residual = [], [], []
-    for patch, (quad, at_u, at_v, _), (exact, moved) in zip(patches, grids, samples.on(grids), strict=True):
-        own = patch.grid(at_u, at_v)
-        surface.append(np.linalg.norm(own - exact, axis=2).max())
-        if quad < rims:
-            rim.append(np.linalg.norm(own - moved, axis=2)[:, 0].max())
-            residual.append(np.linalg.norm(exact - moved, axis=2)[:, 0].max())
-    return float(max(surface)), float(max(rim)), float(max(residual))
+    grids = [
+        (quad, np.concatenate([[0], u.between, [1]]), np.concatenate([[0], v.between, [1]]), v.breaks)
+        for quad, (u, v) in enumerate(fit.spaces)
+    ]
+    values = sample(grids)
+    own = [patch.grid(u, v) for patch, (_, u, v, _) in zip(patches, grids, strict=True)]
+    surface = max(np.linalg.norm(found - exact, axis=2).max() for found, (exact, _) in zip(own, values, strict=True))
+    rim, residual = [], []
+    for quad, side in (side for sides in mesh.rims for side in sides):
+        exact, moved = (each[on_side(side)] for each in values[quad])
+        rim.append(np.linalg.norm(own[quad][on_side(side)] - moved, axis=1).max())
+        residual.append(np.linalg.norm(exact - moved, axis=1).max())
+    return float(surface), float(max(rim)), float(max(residual))
 
 
 def _largest_angle(

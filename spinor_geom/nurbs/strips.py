@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from spinor_geom.deadline import seconds_left
+from spinor_geom.mesh.rational_splines import on_side
 from spinor_geom.nurbs.spline_space import SplineSpace
 
 Breaks: TypeAlias = tuple[float, ...]
@@ -36,7 +37,14 @@ class QuadMesh:
     """
 
     quads: Int[np.ndarray, "q 4"]  # the corners of each, counter-clockwise from u = v = 0
-    ring: int  # number of the quadrilaterals whose side 0 lies on a rim; they come first
+    rims: tuple[tuple[tuple[int, int], ...], ...]  # the sides on each rim, given by quadrilateral and side, in order
+
+    @cached_property
+    def on_rims(self) -> Bool[np.ndarray, "q 4"]:
+        """Which sides lie on rims."""
+        found = np.zeros(self.quads.shape, dtype=bool)
+        found[tuple(np.transpose([side for rim in self.rims for side in rim]))] = True
+        return found
 
     @cached_property
     def _sides(self) -> Int[np.ndarray, "q 4 2"]:
@@ -190,20 +198,30 @@ class _Sampled:
         values = {key: known[key] for key in keys if key in known}
         for key, at_nodes, between_u, between_v in zip(new, found[::3], found[1::3], found[2::3], strict=True):
             quad, u, v = key
-            (exact, moved), (exact_u, moved_u), (exact_v, _) = at_nodes, between_u, between_v
+            exact, (exact_u, _), (exact_v, _) = at_nodes[0], between_u, between_v
             along_u = np.linalg.norm(np.tensordot(u.to_between, exact, axes=1) - exact_u, axis=2)
             along_v = np.linalg.norm(v.to_between @ exact - exact_v, axis=2)
-            if quad < mesh.ring:
-                along_u[:, 0] = NEARER_AT_RIMS * np.linalg.norm(u.to_between @ moved[:, 0] - moved_u[:, 0], axis=1)
-            error = float(max(along_u.max(), along_v.max()))
-            if quad < mesh.ring:
-                # pieces whose error is below the displacement are not halved; it decays with v about as (1 − v)²
-                for along, on_rim, at in (
-                    (along_u, moved_u[:, 0] - exact_u[:, 0], v.nodes),
-                    (along_v, moved[:, 0] - exact[:, 0], v.between),
+            shifts = []
+            for side in np.flatnonzero(mesh.on_rims[quad]).tolist():
+                if side % 2 == 0:
+                    one, two, middle, errors = u, v, between_u, (along_u, along_v)
+                else:
+                    one, two, middle, errors = v, u, between_v, (along_v.T, along_u.T)
+                on, at, on_middle, at_middle = (each[on_side(side)] for each in (*at_nodes, *middle))
+                is_first = side in (0, 3)
+                missed = np.linalg.norm(one.to_between @ at - at_middle, axis=1)
+                errors[0][:, 0 if is_first else -1] = NEARER_AT_RIMS * missed
+                for own, shift, x in zip(
+                    errors, (at_middle - on_middle, at - on), (two.nodes, two.between), strict=True
                 ):
-                    along *= along > np.linalg.norm(on_rim, axis=1)[:, None] * (1 - at) ** 2
-            values[key] = _Values(at_nodes=moved, error=error, along_u=along_u.max(axis=1), along_v=along_v.max(axis=0))
+                    near = (1 - x if is_first else x) ** 2
+                    shifts.append((own, np.linalg.norm(shift, axis=1)[:, None] * near))
+            error = float(max(along_u.max(), along_v.max()))
+            for own, shift in shifts:
+                own *= own > shift  # pieces whose error is below the displacement, which decays so, are not halved
+            values[key] = _Values(
+                at_nodes=at_nodes[1], error=error, along_u=along_u.max(axis=1), along_v=along_v.max(axis=0)
+            )
         return cls(spaces=tuple(spaces), values=values)
 
     @property
@@ -261,10 +279,10 @@ def share_sides(mesh: QuadMesh, nets: Sequence[Float[np.ndarray, "_ _ c"]]) -> N
     rows: dict[int, tuple[Float[np.ndarray, "_ c"], bool]] = {}
     corners: dict[int, Float[np.ndarray, " c"]] = {}
     for quad, net in enumerate(nets):
-        sides = (net[:, 0], net[-1], net[:, -1], net[0])
         for corner, (a, b) in zip(mesh.quads[quad].tolist(), ((0, 0), (-1, 0), (-1, -1), (0, -1)), strict=True):
             net[a, b] = corners.setdefault(corner, net[a, b].copy())
-        for side, row in enumerate(sides):
+        for side in range(4):
+            row = net[on_side(side)]
             ahead = bool(mesh.ahead[quad, side])
             first, direction = rows.setdefault(int(mesh.edges[quad, side]), (row.copy(), ahead))
             row[:] = first if direction == ahead else first[::-1]
