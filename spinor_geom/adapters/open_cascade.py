@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import importlib
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -55,20 +56,11 @@ def sewn_shell(patches: Iterable[NurbsPatch], *, unit: Unit = "mm") -> Any:
     not form one shell, and a MissingPackageError if OCP is not installed.
     """
     require("OCP", extra="cad")
-    from OCP.BRep import BRep_Builder
     from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeFace, BRepBuilderAPI_Sewing
     from OCP.TopAbs import TopAbs_FACE, TopAbs_SHELL
-    from OCP.TopoDS import TopoDS_Shell
 
-    if unit not in _MILLIMETRES:
-        raise OptionError(f"unit must be one of {', '.join(get_args(Unit))}, not {unit!r}")
-    nets = [(patch, _MILLIMETRES[unit] * patch.control_points) for patch in patches]
-    shortest = min(_shortest_side(points) for _, points in nets)
-    if not shortest > _LEAST_EDGE:
-        raise CadFileError(
-            f"a side of {shortest:.1e} mm is too short for CAD, where points 1e-7 mm apart are equal; scale the curve, "
-            "or give its unit"
-        )
+    nets = [(patch, _millimetres(unit) * patch.control_points) for patch in patches]
+    _require_long(min(_shortest_side(points) for _, points in nets))
     sewing = BRepBuilderAPI_Sewing(_LEAST_EDGE / 100)
     faces = [BRepBuilderAPI_MakeFace(_spline_surface(patch, points), 1e-7).Face() for patch, points in nets]
     for face in faces:
@@ -79,10 +71,56 @@ def sewn_shell(patches: Iterable[NurbsPatch], *, unit: Unit = "mm") -> Any:
         return sewn
     if sewn.ShapeType() != TopAbs_FACE:
         raise CadFileError("the patches do not form one shell: sides that should be shared differ")
+    return _shell_of(sewn)
+
+
+def plane_shell(rims: Sequence[Sequence[NurbsCurve]], normal: Float[np.ndarray, "3"], *, unit: Unit = "mm") -> Any:
+    """A shell of one plane face in millimetres, on the left of closed rims seen from the tip of its normal.
+
+    The first rim encloses the others. Raises as `sewn_shell`.
+    """
+    require("OCP", extra="cad")
+    from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeFace, BRepBuilderAPI_MakeWire
+    from OCP.gp import gp_Dir, gp_Pln, gp_Pnt
+
+    size = _millimetres(unit)
+    scaled = [[replace(curve, control_points=size * curve.control_points) for curve in rim] for rim in rims]
+    _require_long(min(_length(curve.control_points) for rim in scaled for curve in rim))
+    wires = []
+    for rim in scaled:
+        wire = BRepBuilderAPI_MakeWire()
+        for curve in rim:
+            wire.Add(spline_edge(curve))
+        wires.append(wire.Wire())
+    plane = gp_Pln(gp_Pnt(*scaled[0][0].control_points[0].tolist()), gp_Dir(*normal.tolist()))
+    face = BRepBuilderAPI_MakeFace(plane, wires[0])
+    for wire in wires[1:]:
+        face.Add(wire)
+    return _shell_of(face.Face())
+
+
+def _shell_of(face: Any) -> Any:
+    from OCP.BRep import BRep_Builder
+    from OCP.TopoDS import TopoDS_Shell
+
     shell, builder = TopoDS_Shell(), BRep_Builder()
     builder.MakeShell(shell)
-    builder.Add(shell, sewn)
+    builder.Add(shell, face)
     return shell
+
+
+def _millimetres(unit: Unit) -> float:
+    if unit not in _MILLIMETRES:
+        raise OptionError(f"unit must be one of {', '.join(get_args(Unit))}, not {unit!r}")
+    return _MILLIMETRES[unit]
+
+
+def _require_long(shortest: float) -> None:
+    if not shortest > _LEAST_EDGE:
+        raise CadFileError(
+            f"a side of {shortest:.1e} mm is too short for CAD, where sides must be longer than {_LEAST_EDGE:.0e} mm; "
+            "scale the curve, or give its unit"
+        )
 
 
 def spline_edge(spline: NurbsCurve) -> Any:
@@ -225,8 +263,12 @@ def _silent() -> Iterator[None]:
 def _shortest_side(points: Float[np.ndarray, "n m 3"]) -> float:
     """Length of the shortest control polygon of a side that does not lie in a point."""
     sides = (points[0], points[-1], points[:, 0], points[:, -1])
-    lengths = [float(np.linalg.norm(np.diff(side, axis=0), axis=1).sum()) for side in sides]
-    return min(length for length in lengths if length > 0)
+    return min(length for length in map(_length, sides) if length > 0)
+
+
+def _length(points: Float[np.ndarray, "n 3"]) -> float:
+    """Length of a polygon."""
+    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
 
 def _spline_surface(patch: NurbsPatch, points: Float[np.ndarray, "n m 3"]) -> Any:

@@ -124,7 +124,7 @@ class NurbsPatch:
     def area(self) -> float:
         """Area by Gauss-Legendre quadrature, in squared mesh units."""
         more = 3 if (self.weights == 1).all() else _MORE_NODES
-        (u, by_u), (v, by_v) = (_nodes(*each, more) for each in zip(self.knots, self.degrees, strict=True))
+        (u, by_u), (v, by_v) = (spline_nodes(*each, more) for each in zip(self.knots, self.degrees, strict=True))
         along, across = (self.grid(u, v, derivatives=orders) for orders in ((1, 0), (0, 1)))
         return float(by_u @ np.linalg.norm(np.cross(along, across), axis=2) @ by_v)
 
@@ -139,7 +139,7 @@ def homogeneous(points: Float[np.ndarray, "*n 3"], weights: Float[np.ndarray, "*
     return np.concatenate([points * weights[..., None], weights[..., None]], axis=-1)
 
 
-def _nodes(
+def spline_nodes(
     knots: Float[np.ndarray, " k"], degree: int, more: int
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """Gauss-Legendre nodes and weights on all pieces: degree + `more` of them on each."""

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from spinor_geom.adapters.cad_objects import cad_object
-from spinor_geom.adapters.open_cascade import Unit, require_cad_suffix, sewn_shell, write_shape
+from spinor_geom.adapters.open_cascade import Unit, plane_shell, require_cad_suffix, sewn_shell, write_shape
 from spinor_geom.deadline import is_out_of_time
 from spinor_geom.errors import OptionError, OutOfTimeError, require_positive
 from spinor_geom.mesh.boundary_loop import diagonals
@@ -22,7 +22,10 @@ from spinor_geom.nurbs.one_patch import OnePatch
 from spinor_geom.nurbs.polynomial_disk import QUADS, PolynomialDisk
 from spinor_geom.nurbs.rims import Rim
 from spinor_geom.nurbs.samples import Samples
+from spinor_geom.nurbs.spline_space import SplineSpace
 from spinor_geom.nurbs.strips import NEARER_AT_RIMS, Fit, QuadMesh, Sampler, fitted, share_sides
+from spinor_geom.nurbs.trims import area_inside, splines_along
+from spinor_geom.plateau.curve_tensors import normals_of
 from spinor_geom.plateau.route_result import FAILURES
 from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution
 from spinor_geom.plateau.threads import one_thread
@@ -75,7 +78,8 @@ class NurbsSurface:
         patches: counter-clockwise about the normal of the surface.
         seams: the sides that two patches share.
         rims: for each loop of the solution, the sides on it, given by patch and side, in the direction of the surface's
-            boundary.
+            boundary; none where `trims` are given.
+        trims: of a plane surface, whose one patch is a rectangle around it: the splines of each rim; else none.
         deviations: measured.
         tolerance: given to `to_nurbs`, relative to `deviations.diagonal`.
         converged: whether the patches and the displacement of the rims are within the tolerance, and the solution has
@@ -86,13 +90,14 @@ class NurbsSurface:
     patches: tuple[NurbsPatch, ...]
     seams: tuple[Seam, ...]
     rims: tuple[tuple[tuple[int, int], ...], ...]
+    trims: tuple[tuple[NurbsCurve, ...], ...] = ()
     deviations: NurbsDeviations
     tolerance: float
     converged: bool
     reason: str
 
     def __repr__(self) -> str:
-        size = f"{len(self.patches)} patches, {self.size} control points, {len(self.rims)} rims"
+        size = f"{len(self.patches)} patches, {self.size} control points, {len(self.boundary_curves)} rims"
         state = "converged" if self.converged else f"not converged: {self.reason}"
         return shortened(f"NurbsSurface({size}, area {self.area:.6g}, {state})")
 
@@ -125,21 +130,34 @@ class NurbsSurface:
 
     @cached_property
     def area(self) -> float:
-        """Area of the patches, in squared mesh units."""
+        """Area of the patches, or of the part of a plane inside `trims`, in squared mesh units."""
+        if self.trims:
+            return area_inside(self.trims, self._plane_normal)
         return sum(patch.area for patch in self.patches)
+
+    @property
+    def _plane_normal(self) -> Float[np.ndarray, "3"]:
+        normal = self.patches[0].normals_on(0, np.zeros(1))[0]
+        return np.asarray(normal / np.linalg.norm(normal))
 
     @property
     def boundary_curves(self) -> tuple[tuple[NurbsCurve, ...], ...]:
         """The curves of each rim, in order and in the direction of the surface's boundary."""
+        if self.trims:
+            return self.trims
         sides = (((self.patches[patch].side(side), side) for patch, side in rim) for rim in self.rims)
         return tuple(tuple(curve if side < 2 else curve.reversed() for curve, side in rim) for rim in sides)
 
     def shell(self, *, unit: Unit = "mm") -> Any:
         """The patches as a sewn shell of Open CASCADE, a `TopoDS_Shape` in millimetres; raises as `sewn_shell`.
 
+        A plane surface is one plane face, bounded by `trims`.
+
         Args:
             unit: of the curve's coordinates: "mm", "cm", "m" or "in".
         """
+        if self.trims:
+            return plane_shell(self.trims, self._plane_normal, unit=unit)
         return sewn_shell(self.patches, unit=unit)
 
     def to_build123d(self, *, unit: Unit = "mm") -> Any:
@@ -172,6 +190,8 @@ def nurbs_surface(solution: PlateauSolution, tolerance: float) -> NurbsSurface:
     """See `PlateauSolution.to_nurbs`."""
     require_positive("tolerance", tolerance)
     diagonal = max(rim.loop.diagonal for rim in solution.rims)
+    if solution.route == "plane":
+        return _plane(solution, tolerance, diagonal)
     given, solution = solution, _within(solution, tolerance * diagonal)
     # of a solution that was continued only the distance counts, not the tolerance of the last step
     has_converged = given.converged or solution is not given
@@ -210,6 +230,32 @@ def nurbs_surface(solution: PlateauSolution, tolerance: float) -> NurbsSurface:
         tolerance=tolerance,
         converged=within and is_met and has_converged,
         reason=reason,
+    )
+
+
+def _plane(solution: PlateauSolution, tolerance: float, diagonal: float) -> NurbsSurface:
+    """A rectangle around a plane surface, and splines along its rims."""
+    allowed = tolerance * diagonal / (2 * NEARER_AT_RIMS)
+    trims, errors = zip(*(splines_along(rim.curve, allowed) for rim in solution.rims), strict=True)
+    points = np.concatenate([curve.control_points for rim in trims for curve in rim])
+    (normal,) = solution.array_surface.normal(np.array([solution.array_surface.root]))
+    axes = np.array(normals_of(normal))
+    along = (points - points[0]) @ axes.T
+    (x, y), (far_x, far_y) = along.min(axis=0), along.max(axis=0)
+    corners = points[0] + np.array([[[x, y], [x, far_y]], [[far_x, y], [far_x, far_y]]]) @ axes
+    knots = SplineSpace.on(1, (0.0, 1.0)).knots
+    patch = NurbsPatch(control_points=corners, weights=np.ones((2, 2)), knots=(knots, knots))
+    error = max(errors)
+    deviations = NurbsDeviations(surface=solution.boundary_residual.max, rim=error, normals=0.0, diagonal=diagonal)
+    return NurbsSurface(
+        patches=(patch,),
+        seams=(),
+        rims=(),
+        trims=trims,
+        deviations=deviations,
+        tolerance=tolerance,
+        converged=error <= tolerance * diagonal,
+        reason=f"plane: its rims are within {error / diagonal:.1e} of the diagonal",
     )
 
 

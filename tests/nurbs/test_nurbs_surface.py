@@ -163,7 +163,7 @@ def test_an_unconverged_solution_gives_unconverged_patches() -> None:
 
 @pytest.mark.slow
 def test_patches_are_smooth_up_to_an_opened_corner() -> None:
-    solution = spinor_geom.solve_plateau(curves.l_shape(0.5), tolerance=1e-6)
+    solution = spinor_geom.solve_plateau(curves.l_shape(0.5))
     surface = solution.to_nurbs()
     assert surface.converged
     assert abs(surface.area / solution.area - 1) < 1e-9
