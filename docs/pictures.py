@@ -1,18 +1,25 @@
-"""Writes the README's pictures: `python docs/pictures.py`, in a clone with the extra `dev` installed.
+"""Writes the pictures of the pages and the README: `python docs/pictures.py`, in a clone with the extra `dev`.
 
-One shows a film and a smooth continuation, the other the pictures of the gallery page.
+The Python blocks of every page that shows `pictures/NAME.png` run one after the other and write the pictures. Of the
+README's, one shows a film and a smooth continuation, the other the pictures of the gallery page.
 """
 
 from __future__ import annotations
 
+import contextlib
+import os
+import re
+import shutil
 import sys
-from collections.abc import Sequence
+import tempfile
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import hooks
 import numpy as np
 from PIL import Image
+from sybil import Sybil
+from sybil.parsers.markdown import PythonCodeBlockParser
 
 DOCS = Path(__file__).parent
 CONTINUATION, GALLERY = "continuation.png", "gallery.png"
@@ -22,6 +29,39 @@ _CROWN, _EYE, _RADIUS, _BELOW = 1.93, np.array([-0.75, 0.35, 0.45]), 0.85, 0.28
 _TITLES = 0.05  # share of a drawing's height
 _ACROSS = 6
 _COLOURS = 128
+_PICTURE = re.compile(r"\]\((pictures/[\w.-]+\.png)\)")
+
+
+def pictures_of(page: Path) -> list[str]:
+    """The pictures of a page that its code writes."""
+    return _PICTURE.findall(page.read_text(encoding="utf-8"))
+
+
+@contextlib.contextmanager
+def drawn(page: Path) -> Iterator[Path]:
+    """A temporary working directory, as the code of the pages expects, in which the blocks of a page have run."""
+    with workplace() as folder:
+        document = Sybil(parsers=[PythonCodeBlockParser()]).parse(page)
+        document.namespace["__name__"] = "__main__"
+        for example in document.examples():
+            example.evaluate()
+        yield folder
+
+
+@contextlib.contextmanager
+def workplace() -> Iterator[Path]:
+    """A temporary working directory with `data/`, `pictures/` and `out/`."""
+    before = Path.cwd()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        shutil.copytree(DOCS.parent / "data", folder / "data")  # some systems restrict links
+        (folder / "pictures").mkdir()
+        (folder / "out").mkdir()
+        os.chdir(folder)
+        try:
+            yield folder
+        finally:
+            os.chdir(before)
 
 
 def gallery_strip(pictures: Sequence[Path]) -> Image.Image:
@@ -66,13 +106,15 @@ def continuation_picture(folder: Path) -> Image.Image:
 
 
 def main() -> None:
-    """Writes both pictures."""
-    with hooks.workplace() as folder:
+    """Writes all pictures."""
+    with workplace() as folder:
         _save(continuation_picture(folder), CONTINUATION)
-    page = DOCS / "gallery.md"
-    with hooks.workplace() as folder:
-        hooks.run_blocks(page)
-        _save(gallery_strip([folder / name for name in hooks.pictures_of(page)]), GALLERY)
+    for page in sorted(DOCS.glob("*.md")):
+        if names := pictures_of(page):
+            with drawn(page) as folder:
+                for name in names:
+                    _save(Image.open(folder / name).convert("RGB"), name)
+    _save(gallery_strip([DOCS / name for name in pictures_of(DOCS / "gallery.md")]), GALLERY)
 
 
 def _save(picture: Image.Image, name: str) -> None:

@@ -1,11 +1,9 @@
-"""The site builds without a warning, and each of its pages and pictures opens in a browser.
-
-SPINOR_GEOM_SITE names a site that is built already, with pictures. Otherwise one is built without pictures.
-"""
+"""The site builds without a warning, each of its pages and pictures opens in a browser, and pictures are up to date."""
 
 from __future__ import annotations
 
 import functools
+import importlib
 import json
 import os
 import subprocess
@@ -14,38 +12,42 @@ import threading
 from collections.abc import Iterator
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from tests.browser import browser, visit
 from tests.likeness import SAME, difference
 
 ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
 README_PICTURES = ("continuation.png", "gallery.png")
 
 
-def build(folder: Path, **environment: str) -> None:
+@pytest.fixture(scope="module")
+def pages(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a built site."""
+    folder = tmp_path_factory.mktemp("pages")
     done = subprocess.run(
         [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "-d", str(folder)],
         cwd=ROOT,
-        env={**os.environ, "NO_MKDOCS_2_WARNING": "1", **environment},
+        env={**os.environ, "NO_MKDOCS_2_WARNING": "1"},
         capture_output=True,
         text=True,
         timeout=900,
         check=False,
     )
     assert done.returncode == 0, done.stdout + done.stderr
-
-
-@pytest.fixture(scope="module")
-def pages(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of a built site."""
-    if "SPINOR_GEOM_SITE" in os.environ:
-        return Path(os.environ["SPINOR_GEOM_SITE"])
-    folder = tmp_path_factory.mktemp("pages")
-    build(folder, SPINOR_GEOM_PICTURES="none")
     return folder
+
+
+@pytest.fixture
+def pictures(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """The script that draws the pictures."""
+    monkeypatch.syspath_prepend(str(DOCS))
+    return importlib.import_module("pictures")
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +67,7 @@ def address(pages: Path) -> Iterator[str]:
 @pytest.mark.slow
 def test_every_page_and_every_picture_opens_in_a_browser(pages: Path, address: str) -> None:
     names = sorted(str(path.relative_to(pages)) for path in pages.rglob("*.html") if path.name != "404.html")
-    assert len(names) == len(list((ROOT / "docs").glob("*.md")))
+    assert len(names) == len(list(DOCS.glob("*.md")))
     index = json.loads((pages / "search" / "search_index.json").read_text(encoding="utf-8"))
     little = {**index, "docs": index["docs"][:1]}
     with browser() as chromium:
@@ -90,7 +92,7 @@ def test_every_page_and_every_picture_opens_in_a_browser(pages: Path, address: s
 
 
 def test_the_readme_s_pictures_open_in_a_browser_and_are_small(tmp_path: Path) -> None:
-    text = "".join(f'<img src="{(ROOT / "docs" / name).as_uri()}">' for name in README_PICTURES)
+    text = "".join(f'<img src="{(DOCS / name).as_uri()}">' for name in README_PICTURES)
     page = tmp_path / "page.html"
     page.write_text(text, encoding="utf-8")
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -100,21 +102,30 @@ def test_the_readme_s_pictures_open_in_a_browser_and_are_small(tmp_path: Path) -
         assert not opened.errors
     for name in README_PICTURES:
         assert f"(docs/{name})" in readme
-        assert (ROOT / "docs" / name).stat().st_size < 300_000
+        assert (DOCS / name).stat().st_size < 300_000
 
 
-@pytest.mark.skipif("SPINOR_GEOM_SITE" not in os.environ, reason="no built site: SPINOR_GEOM_SITE names none")
-def test_the_readme_s_pictures_are_those_of_the_site(pages: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from PIL import Image
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "page", [path.name for path in sorted(DOCS.glob("*.md")) if "](pictures/" in path.read_text("utf-8")]
+)
+def test_the_pictures_of_a_page_are_those_of_its_code(page: str, pictures: ModuleType) -> None:
+    if page == "cad.md":
+        pytest.importorskip("build123d")
+    with pictures.drawn(DOCS / page) as folder:
+        assert all(difference(folder / name, DOCS / name) < SAME for name in pictures.pictures_of(DOCS / page))
 
-    monkeypatch.syspath_prepend(str(ROOT / "docs"))
-    import hooks
-    import pictures
 
-    names = hooks.pictures_of(ROOT / "docs" / "gallery.md")
-    drawn = [Image.open(pages / name).convert("L") for name in names]
-    assert all(np.asarray(picture).std() > 20 for picture in drawn)
-    strip = pictures.gallery_strip([pages / name for name in names])
-    assert difference(strip, ROOT / "docs" / "gallery.png") < SAME
+def test_the_readme_s_pictures_are_those_of_the_pages(pictures: ModuleType) -> None:
+    names = pictures.pictures_of(DOCS / "gallery.md")
+    assert all(np.asarray(Image.open(DOCS / name).convert("L")).std() > 20 for name in names)
+    strip = pictures.gallery_strip([DOCS / name for name in names])
+    assert difference(strip, DOCS / "gallery.png") < SAME
     # a different picture differs by more
-    assert difference(pages / "pictures" / "error.png", ROOT / "docs" / "gallery.png") > 5 * SAME
+    assert difference(DOCS / "pictures" / "error.png", DOCS / "gallery.png") > 5 * SAME
+
+
+def test_all_pictures_are_shown_and_small(pictures: ModuleType) -> None:
+    shown = {DOCS / name for page in DOCS.glob("*.md") for name in pictures.pictures_of(page)}
+    assert shown == set((DOCS / "pictures").iterdir())
+    assert max(path.stat().st_size for path in shown) < 150_000
