@@ -38,17 +38,6 @@ def pictures_of(page: Path) -> list[str]:
 
 
 @contextlib.contextmanager
-def drawn(page: Path) -> Iterator[Path]:
-    """A temporary working directory, as the code of the pages expects, in which the blocks of a page have run."""
-    with workplace() as folder:
-        document = Sybil(parsers=[PythonCodeBlockParser()]).parse(page)
-        document.namespace["__name__"] = "__main__"
-        for example in document.examples():
-            example.evaluate()
-        yield folder
-
-
-@contextlib.contextmanager
 def workplace() -> Iterator[Path]:
     """A temporary working directory with `data/`, `pictures/` and `out/`."""
     before = Path.cwd()
@@ -111,7 +100,11 @@ def main() -> None:
         _save(continuation_picture(folder), CONTINUATION)
     for page in sorted(DOCS.glob("*.md")):
         if names := pictures_of(page):
-            with drawn(page) as folder:
+            with workplace() as folder:
+                document = Sybil(parsers=[PythonCodeBlockParser()]).parse(page)
+                document.namespace["__name__"] = "__main__"
+                for example in document.examples():
+                    example.evaluate()
                 for name in names:
                     _save(Image.open(folder / name).convert("RGB"), name)
     _save(gallery_strip([DOCS / name for name in pictures_of(DOCS / "gallery.md")]), GALLERY)

@@ -1,7 +1,4 @@
-"""Every Python block and every command of the documentation runs.
-
-Portraits are not drawn here; the build of the site draws them (`test_site.py`).
-"""
+"""Every Python block and every command of the documentation runs, and draws the pictures that the pages show."""
 
 from __future__ import annotations
 
@@ -24,14 +21,25 @@ from sybil.parsers.markdown import CodeBlockParser, PythonCodeBlockParser
 import spinor_geom
 from spinor_geom.bench.machine import Record, Task
 from spinor_geom.cli.main import main
-from spinor_geom.render.portrait import Portrait
+from tests.likeness import SAME, difference
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 # its Python blocks are scripts, as their workers import them
 SCRIPTS = "batch.md"
-# with what other tests run as well: the README, the commands, the benchmark
-SLOW = ("batch.md", "benchmark.md", "cad.md", "fill-a-scan.md", "gallery.md", "index.md", "my-mesher.md", "plateau.md")
+# with what other tests run as well, the README, the commands, the benchmark, or with drawings
+SLOW = (
+    "batch.md",
+    "benchmark.md",
+    "cad.md",
+    "fill-a-scan.md",
+    "gallery.md",
+    "index.md",
+    "my-curve.md",
+    "my-mesher.md",
+    "plateau.md",
+    "spinors.md",
+)
 PAGES = [
     pytest.param(page.name, marks=pytest.mark.slow if page.name in SLOW else ()) for page in sorted(DOCS.glob("*.md"))
 ]
@@ -128,8 +136,6 @@ def test_the_blocks_of_a_page_run_in_order(
 ) -> None:
     if name in PACKAGES:
         pytest.importorskip(PACKAGES[name])
-    drawn = []
-    monkeypatch.setattr(Portrait, "write", lambda self, path, **options: drawn.append(path))
     monkeypatch.setattr("spinor_geom.bench.runner.run_isolated", not_measured)
     shell = CodeBlockParser(language="sh", evaluator=run_shell)
     document = Sybil(parsers=[shell] if name == SCRIPTS else [PythonCodeBlockParser(), shell]).parse(DOCS / name)
@@ -138,7 +144,8 @@ def test_the_blocks_of_a_page_run_in_order(
         example.evaluate()
     require_printed(DOCS / name, capsys.readouterr().out)
     shown = re.findall(r"\]\((pictures/[\w.-]+)\)", (DOCS / name).read_text(encoding="utf-8"))
-    assert set(shown) == {*drawn, *(f"pictures/{path.name}" for path in (clone / "pictures").iterdir())}
+    assert set(shown) == {f"pictures/{path.name}" for path in (clone / "pictures").iterdir()}
+    assert all(difference(clone / name, DOCS / name) < SAME for name in shown)
 
 
 @pytest.mark.slow
