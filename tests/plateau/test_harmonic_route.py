@@ -123,14 +123,13 @@ def test_noisy_loops_get_more_nodes_where_these_help_slowly():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("points", "steps"), [(1000, 120), (5000, 400)])
-def test_slides_on_noisy_loops_begin_on_their_average(points, steps):
-    # from points of Γ itself, as many as Ω has, 1,000 took 229 steps, and 5,000 were not met
-    loop = gallery.noisy_loop(gallery.evenly_sampled(gallery.ellipse(2.0, 0.3), points), 0.15, seed=0)
+def test_slides_on_noisy_loops_begin_on_their_average():
+    # from points of Γ itself, as many as Ω has, it took 229 steps, and with 5,000 points Γ was not met
+    loop = gallery.noisy_loop(gallery.evenly_sampled(gallery.ellipse(2.0, 0.3), 1000), 0.15, seed=0)
     solution = solve_plateau(loop, tolerance=1e-2, between="smooth")
     assert solution.converged
     assert solution.route == "flattened"
-    assert len(solution.history) < steps
+    assert len(solution.history) < 120
 
 
 # --- invariance -------------------------------------------------------------------------------------------------------
