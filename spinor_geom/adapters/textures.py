@@ -11,6 +11,7 @@ import os
 import re
 import stat
 import struct
+import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
@@ -43,14 +44,16 @@ class Texture:
         return EMBEDDED[PurePosixPath(self.name).suffix.lower()]
 
     def pixels(self, largest: int) -> UInt8[np.ndarray, "h w 3"] | None:
-        """The image with at most `largest` pixels on its longer side; None if it cannot be read as an image."""
+        """The image with at most `largest` pixels on its longer side; None if it is no image or a very large one."""
         require("PIL", extra="render")
         from PIL import Image
 
-        try:
-            image = Image.open(io.BytesIO(self.data)).convert("RGB")
-        except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
-            return None
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", Image.DecompressionBombWarning)  # a small file may unpack to gigabytes
+            try:
+                image = Image.open(io.BytesIO(self.data)).convert("RGB")
+            except (OSError, ValueError, SyntaxError, Image.DecompressionBombError, Image.DecompressionBombWarning):
+                return None
         image.thumbnail((largest, largest))
         return np.asarray(image)
 

@@ -1,5 +1,6 @@
 """Materials and textures are carried along, and names in strangers' files lead nowhere else."""
 
+import io
 import os
 import shutil
 import struct
@@ -215,3 +216,14 @@ def test_nothing_is_written_through_a_link_beside_the_output(tmp_path: Path) -> 
     (out / "maps").symlink_to(other)
     assert any("a link beside the output" in note for note in read_mesh(source).write(out / "copy.obj"))
     assert list(other.iterdir()) == []
+
+
+def test_no_image_and_images_that_would_fill_the_memory_are_not_shown() -> None:
+    image = pytest.importorskip("PIL.Image")
+    with io.BytesIO() as file:
+        image.new("1", (10_000, 9_500)).save(file, "png")
+        huge = file.getvalue()
+    assert len(huge) < 100_000
+    shown = [textures.Texture(data=data, name="a.png").pixels(2) for data in (b"no image", huge, png())]
+    assert shown[:2] == [None, None]
+    assert shown[2].shape == (1, 1, 3)
