@@ -254,8 +254,8 @@ def _plane(solution: PlateauSolution, tolerance: float, diagonal: float) -> Nurb
         trims=trims,
         deviations=deviations,
         tolerance=tolerance,
-        converged=error <= tolerance * diagonal,
-        reason=f"plane: its rims are within {error / diagonal:.1e} of the diagonal",
+        converged=solution.converged and error <= tolerance * diagonal,
+        reason=f"plane, with rims within {error / diagonal:.1e} of the diagonal; tolerance {tolerance:.1e}",
     )
 
 

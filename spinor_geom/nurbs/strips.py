@@ -24,7 +24,7 @@ Sampler: TypeAlias = Callable[[Sequence[Grid]], list[tuple[Values, Values]]]
 
 DEGREE = 9  # of splines with inner knots
 NEARER_AT_RIMS = 10.0  # ratio of the tolerances inside and at rims, so that shells fit adjacent parts
-ROUNDS = 20  # of halving pieces
+_ROUNDS = 20  # of halving pieces
 _MOST_POINTS = 25_000  # control points of all patches, above which no piece is halved; ragged rims take 20 000
 
 
@@ -118,19 +118,19 @@ def fitted(mesh: QuadMesh, sample: Sampler, tolerance: float) -> Fit:
     if degree < DEGREE:
         return _Sampled.of(mesh, sample, breaks, degree, {}).fit(mesh)
     known = whole
-    for _ in range(ROUNDS):
+    for _ in range(_ROUNDS):
         # a round takes about as long as all before it, and so do the measurements at the end
         if seconds_left() < 2 * (perf_counter() - begin):
             break
         chosen = known.inaccurate(strip, against, breaks, tolerance / 2)
         if not any(some.any() for some in chosen) or known.points > _MOST_POINTS:
             break
-        breaks = [halved(own, some) for own, some in zip(breaks, chosen, strict=True)]
+        breaks = [_halved(own, some) for own, some in zip(breaks, chosen, strict=True)]
         known = _Sampled.of(mesh, sample, breaks, DEGREE, known.values)
     return known.fit(mesh)
 
 
-def halved(breaks: Breaks, chosen: Bool[np.ndarray, " k"]) -> Breaks:
+def _halved(breaks: Breaks, chosen: Bool[np.ndarray, " k"]) -> Breaks:
     """Breaks with the chosen pieces halved.
 
     A chosen piece at an end is halved twice, towards this end, if its neighbour is not chosen, as near corners.

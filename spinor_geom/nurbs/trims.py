@@ -10,10 +10,11 @@ from jaxtyping import Float
 from scipy.interpolate import BSpline
 
 from spinor_geom.mesh.curve import BoundaryCurve
+from spinor_geom.mesh.interpolation import interpolating_spline
 from spinor_geom.mesh.rational_splines import NurbsCurve, spline_nodes
-from spinor_geom.nurbs.spline_space import SplineSpace
-from spinor_geom.nurbs.strips import DEGREE, ROUNDS, halved
 
+_FEWEST, _MOST = 8, 20_000  # numbers of pieces
+_DEGREE = 5
 _STRAIGHT = 1e-12  # largest distance of a straight side from a line of constant speed, relative to its length
 
 
@@ -43,23 +44,24 @@ def _spline(curve: BoundaryCurve, ends: tuple[float, float], allowed: float) -> 
     def point(x: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
         return curve.point((1 - x) * ends[0] + x * ends[1])
 
-    breaks: tuple[float, ...] = (0.0, 1.0)
-    for _ in range(ROUNDS):
-        space = SplineSpace.on(DEGREE, breaks)
-        points = point(space.nodes)
-        line = points[0] + space.nodes[:, None] * (points[-1] - points[0])
-        missed = np.abs(points - line).max()
-        if missed <= _STRAIGHT * np.abs(points[-1] - points[0]).max():
-            return _curve(SplineSpace.on(1, (0.0, 1.0)), points[[0, -1]]), float(missed)
-        errors = np.linalg.norm(space.to_between @ points - point(space.between), axis=1)
-        chosen = np.isin(np.arange(len(breaks) - 1), space.pieces[errors > allowed])
-        if not chosen.any():
+    x = np.linspace(0, 1, _FEWEST + 1)
+    points = point(x)
+    missed = np.abs(points - points[0] - x[:, None] * (points[-1] - points[0])).max()
+    if missed <= _STRAIGHT * np.abs(points[-1] - points[0]).max():
+        return NurbsCurve(
+            control_points=points[[0, -1]], weights=np.ones(2), knots=np.array([0.0, 0.0, 1.0, 1.0])
+        ), missed
+    while True:
+        spline, middle = interpolating_spline(x, points, _DEGREE), (x[1:] + x[:-1]) / 2
+        new = point(middle)
+        errors = np.linalg.norm(spline(middle) - new, axis=1)
+        lengths = np.pad(np.diff(x), 1, mode="edge")
+        # neighbouring pieces have lengths of a ratio up to 2
+        chosen = (errors > allowed) | (lengths[1:-1] > 2.1 * np.minimum(lengths[:-2], lengths[2:]))
+        if not chosen.any() or len(x) + chosen.sum() > _MOST:
             break
-        breaks = halved(breaks, chosen)
-    net = space.interpolation @ points
+        order = np.argsort(np.append(x, middle[chosen]))
+        x, points = np.append(x, middle[chosen])[order], np.append(points, new[chosen], axis=0)[order]
+    net = np.asarray(spline.c)
     net[[0, -1]] = points[[0, -1]]
-    return _curve(space, net), float(errors.max())
-
-
-def _curve(space: SplineSpace, net: Float[np.ndarray, "k 3"]) -> NurbsCurve:
-    return NurbsCurve(control_points=net, weights=np.ones(len(net)), knots=space.knots)
+    return NurbsCurve(control_points=net, weights=np.ones(len(net)), knots=spline.t), float(errors.max())

@@ -63,3 +63,16 @@ def test_plane_surfaces_are_one_plane_face(name: str, tmp_path: Path) -> None:
         assert count(shape, "face") == 1
         assert free_wires(shape) == (wires, 0, edges)
         assert area_of(shape) == pytest.approx(area, rel=max(accuracy, 1e-5))
+
+
+def test_ragged_rims_are_followed() -> None:
+    angle, random = 2 * np.pi * np.arange(1000) / 1000, np.random.default_rng(0)
+    radius = 1 + 0.2 * np.sin(5 * angle) + 0.002 * random.uniform(-1, 1, 1000)
+    outline = radius[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    solution = spinor_geom.solve_plateau(placed(outline, []))
+    surface = solution.to_nurbs()
+    assert surface.converged
+    assert surface.area == pytest.approx(solution.area, rel=1e-8)
+    ((side,),) = surface.boundary_curves
+    at = np.random.default_rng(1).random(5000)
+    assert np.abs(side.point(at) - solution.curve.point(at)).max() < 1e-6 * surface.deviations.diagonal
