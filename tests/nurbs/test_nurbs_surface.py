@@ -166,7 +166,7 @@ def test_patches_are_smooth_up_to_an_opened_corner() -> None:
     solution = spinor_geom.solve_plateau(curves.l_shape(0.5))
     surface = solution.to_nurbs()
     assert surface.converged
-    assert abs(surface.area / solution.area - 1) < 1e-9
+    assert abs(surface.area / solution.area - 1) < 1e-7  # the solve is continued
     assert surface.deviations.rim < 1e-12 * surface.deviations.diagonal
     # at the corner the surface turns over within 1e-5 of its size
     assert surface.deviations.normals < 5
