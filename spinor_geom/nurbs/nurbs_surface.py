@@ -245,7 +245,7 @@ def _plane(solution: PlateauSolution, tolerance: float, diagonal: float) -> Nurb
     corners = points[0] + np.array([[[x, y], [x, far_y]], [[far_x, y], [far_x, far_y]]]) @ axes
     knots = SplineSpace.on(1, (0.0, 1.0)).knots
     patch = NurbsPatch(control_points=corners, weights=np.ones((2, 2)), knots=(knots, knots))
-    error = max(errors)
+    error = float(max(errors))
     deviations = NurbsDeviations(surface=solution.boundary_residual.max, rim=error, normals=0.0, diagonal=diagonal)
     return NurbsSurface(
         patches=(patch,),
@@ -254,7 +254,7 @@ def _plane(solution: PlateauSolution, tolerance: float, diagonal: float) -> Nurb
         trims=trims,
         deviations=deviations,
         tolerance=tolerance,
-        converged=solution.converged and error <= tolerance * diagonal,
+        converged=solution.converged and bool(error <= tolerance * diagonal),
         reason=f"plane, with rims within {error / diagonal:.1e} of the diagonal; tolerance {tolerance:.1e}",
     )
 
@@ -284,7 +284,10 @@ def _within(solution: PlateauSolution, allowed: float) -> PlateauSolution:
 
 
 def _one_patch(solution: PlateauSolution, rims: Sequence[Rim], allowed: float) -> tuple[QuadMesh, Fit, Sampler] | None:
-    """One patch over a curve with 2 to 4 corners; None if it would be folded or is not within the allowed distance."""
+    """One patch over a curve with 2 to 4 corners; None if it would be folded or is not near enough.
+
+    At the time limit it is kept as it is.
+    """
     patch = OnePatch.of(solution.array_surface, rims)
     if patch is None:
         return None
@@ -292,7 +295,7 @@ def _one_patch(solution: PlateauSolution, rims: Sequence[Rim], allowed: float) -
     for side in np.flatnonzero(patch.collapsed).tolist():
         row = fit.nets[0][on_side(side)]
         row[:] = row[0]
-    return (patch.mesh, fit, patch.on) if fit.error <= allowed else None
+    return (patch.mesh, fit, patch.on) if fit.error <= allowed or is_out_of_time() else None
 
 
 def _patches(solution: PlateauSolution, rims: tuple[Rim, ...], tolerance: float) -> tuple[QuadMesh, Fit, Sampler]:

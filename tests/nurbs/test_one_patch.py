@@ -58,3 +58,11 @@ def test_folded_patches_are_not_made() -> None:
         points, n = np.concatenate([side, [[1, 1, 0], [0, 1, 0]]]), len(x)
         solution = spinor_geom.solve_plateau(BoundaryLoop.from_points(points, corners=[0, n - 1, n, n + 1]))
         assert (OnePatch.of(solution.array_surface, Rim.all_of(solution)) is None) == is_folded
+
+
+def test_a_patch_that_was_cut_short_is_kept_and_reported() -> None:
+    solution = spinor_geom.solve_plateau(curves.polygon(frame(0)))
+    surface = solution.to_nurbs(time_limit=1e-6)
+    assert len(surface.patches) == 1
+    assert not surface.converged
+    assert abs(surface.area / solution.area - 1) < 1e-3

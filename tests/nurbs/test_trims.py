@@ -53,7 +53,7 @@ def test_plane_surfaces_are_one_plane_face(name: str, tmp_path: Path) -> None:
     solve, area, wires, edges, accuracy = CASES[name]
     solution = solve()
     surface = solution.to_nurbs()
-    assert surface.converged
+    assert surface.converged is True
     assert len(surface.boundary_curves) == wires
     assert surface.area == pytest.approx(area, rel=accuracy)
     assert surface.area == pytest.approx(solution.area, rel=1e-6)
