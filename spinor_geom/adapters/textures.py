@@ -22,6 +22,7 @@ from jaxtyping import UInt8
 from spinor_geom.errors import require
 from spinor_geom.files import safe_name
 
+_SHOWN = ("PNG", "JPEG", "BMP", "GIF", "TGA", "WEBP")  # other readers of Pillow report damaged files in other ways
 LIBRARY, IMAGES = ".mtl", (".png", ".jpg", ".jpeg", ".bmp", ".tga", ".tif", ".tiff", ".gif", ".webp", ".dds", ".exr")
 EMBEDDED = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}  # in GLB, with their media types
 MOST_BYTES, MOST_PIXELS = 1 << 30, 1 << 28  # of all files of one mesh, and of one image
@@ -44,14 +45,15 @@ class Texture:
         return EMBEDDED[PurePosixPath(self.name).suffix.lower()]
 
     def pixels(self, largest: int) -> UInt8[np.ndarray, "h w 3"] | None:
-        """The image with at most `largest` pixels on its longer side; None if it is no image or a very large one."""
+        """The image with at most `largest` pixels on its longer side; None if it is none of `_SHOWN`, or very large."""
         require("PIL", extra="render")
         from PIL import Image
 
         with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of damaged files
             warnings.simplefilter("error", Image.DecompressionBombWarning)  # a small file may unpack to gigabytes
             try:
-                image = Image.open(io.BytesIO(self.data)).convert("RGB")
+                image = Image.open(io.BytesIO(self.data), formats=_SHOWN).convert("RGB")
             except (OSError, ValueError, SyntaxError, Image.DecompressionBombError, Image.DecompressionBombWarning):
                 return None
         image.thumbnail((largest, largest))
