@@ -2,8 +2,11 @@
 
 import os
 import pathlib
+from collections.abc import Iterator
+from typing import Any
 
 import hypothesis
+import pytest
 
 os.environ["PYTHONPATH"] = os.pathsep.join(
     filter(None, [str(pathlib.Path(__file__).parent), os.environ.get("PYTHONPATH")])
@@ -16,3 +19,37 @@ if "PYTEST_XDIST_WORKER" in os.environ:
 # the same examples in every run, so that more of them find no more, and no failure because a machine is busy
 hypothesis.settings.register_profile("repeatable", derandomize=True, deadline=None, max_examples=30)
 hypothesis.settings.load_profile("repeatable")
+
+MAY_BE_MISSING = ("torch", "pymeshlab")  # without wheels for the latest versions of Python; never missing in CI
+
+
+def _is_missing(error: BaseException | None) -> bool:
+    package = getattr(error, "package", None) or getattr(error, "name", None)  # of our errors, and of Python's
+    optional = os.environ.get("SPINOR_GEOM_PEERS") != "required" and package in MAY_BE_MISSING
+    return isinstance(error, ImportError) and optional
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_make_collect_report(collector: pytest.Collector) -> Iterator[None]:
+    """Skips a file of tests that imports a package that may be missing."""
+    report: Any = yield
+    error = report.call.excinfo and report.call.excinfo.value
+    while error is not None and not _is_missing(error):
+        error = error.__cause__
+    if error is not None:
+        report.outcome, report.longrepr = "skipped", (str(collector.path), 0, f"Skipped: {error}")
+    return report
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call() -> Iterator[None]:
+    """Skips a test that uses a package that may be missing."""
+    try:
+        return (yield)
+    except ImportError as error:
+        if _is_missing(error):
+            pytest.skip(str(error))
+        raise
+
+
+pytest_runtest_setup = pytest_runtest_call

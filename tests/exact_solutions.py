@@ -15,7 +15,7 @@ from spinor_geom.plateau.misfit import BoundaryResidual
 from spinor_geom.plateau.rim_match import RimMatch
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.stability import Stability
-from spinor_geom.surface.spinor_surface import SpinorSurface
+from spinor_geom.surface.array_surface import ArraySurface
 
 # coefficients of z⁰, z¹, … as pairs (p, q)
 PLANE = ((1, 0),)
@@ -34,7 +34,7 @@ def exact_solution(coefficients, vertices, radius=1.0, scale=1.0):
     t = np.arange(vertices) / vertices if np.isscalar(vertices) else np.asarray(vertices)
     domain = PlaneDomain.disk(radius, max(len(t), 16))
     series = PowerSeries(np.array(coefficients, dtype=np.complex128))
-    surface = SpinorSurface(series, domain).transform(scale=scale)
+    surface = ArraySurface(series, domain).transform(scale=scale)
     loop = BoundaryLoop.from_points(surface.position(radius * np.exp(2j * np.pi * t)), corners=())
     curve = BoundaryCurve.from_loop(loop)
     return PlateauSolution(

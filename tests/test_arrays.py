@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import torch
 
 from spinor_geom.arrays import (
     cholesky,
@@ -21,6 +20,8 @@ from spinor_geom.arrays import (
 @pytest.mark.parametrize("by", [1, -1, 3])
 @pytest.mark.parametrize("shape", [(7,), (2, 3, 5)])
 def test_rows_are_shifted_around_closed_curves(shape, by):
+    import torch
+
     x = np.random.default_rng(0).normal(size=shape)
     np.testing.assert_array_equal(shifted(x, by), np.roll(x, by, axis=-1))
     np.testing.assert_array_equal(shifted(x, by, axis=0), np.roll(x, by, axis=0))
@@ -49,6 +50,8 @@ def test_parameters_just_below_a_whole_turn_stay_below_one():
 
 
 def test_lengths_and_products_of_rows():
+    import torch
+
     rng = np.random.default_rng(0)
     u, v = rng.normal(size=(2, 4, 5, 3))
     np.testing.assert_array_equal(cross(u, v), np.cross(u, v))

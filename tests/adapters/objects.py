@@ -7,9 +7,7 @@ from typing import Any, NamedTuple
 
 import meshio
 import numpy as np
-import pymeshlab
 import pyvista
-import torch
 import trimesh
 from trimesh.visual import ColorVisuals, TextureVisuals
 
@@ -58,9 +56,11 @@ def pair(container: Callable[..., Any], real: Any, integer: Any) -> Kind:
     return Kind(lambda v, f: container([v.astype(real), f.astype(integer)]), held)
 
 
-def tensors(real: torch.dtype, integer: torch.dtype) -> Kind:
+def tensors(real: type, integer: type) -> Kind:
     def made(vertices: np.ndarray, faces: np.ndarray) -> Any:
-        return torch.from_numpy(vertices).to(real), torch.from_numpy(np.asarray(faces, dtype=np.int64)).to(integer)
+        import torch
+
+        return torch.from_numpy(vertices.astype(real)), torch.from_numpy(np.asarray(faces).astype(integer))
 
     return Kind(made, lambda mesh: ({"vertices": mesh[0].numpy()}, {"faces": mesh[1].numpy()}, {}))
 
@@ -150,7 +150,9 @@ def meshio_held(mesh: meshio.Mesh) -> tuple[Arrays, Arrays, dict[str, Any]]:
     return {"vertices": mesh.points, **{k: np.asarray(v) for k, v in mesh.point_data.items()}}, at_faces, other
 
 
-def as_mesh_set(vertices: np.ndarray, faces: np.ndarray) -> pymeshlab.MeshSet:
+def as_mesh_set(vertices: np.ndarray, faces: np.ndarray) -> Any:
+    import pymeshlab
+
     random = np.random.default_rng(len(vertices))
     mesh = pymeshlab.Mesh(
         vertices,
@@ -167,7 +169,7 @@ def as_mesh_set(vertices: np.ndarray, faces: np.ndarray) -> pymeshlab.MeshSet:
     return meshes
 
 
-def meshlab_held(meshes: pymeshlab.MeshSet) -> tuple[Arrays, Arrays, dict[str, Any]]:
+def meshlab_held(meshes: Any) -> tuple[Arrays, Arrays, dict[str, Any]]:
     mesh = meshes.current_mesh()
     names = ("color_matrix", "scalar_array", "tex_coord_matrix")
     at_vertices = {"vertices": mesh.vertex_matrix(), **{n: getattr(mesh, f"vertex_{n}")() for n in names}}
@@ -202,8 +204,8 @@ OBJECTS: dict[str, Kind] = {
     "arrays": pair(tuple, np.float64, np.int64),
     "list of arrays": pair(list, np.float32, np.int32),
     "named tuple": pair(Shell._make, np.float64, np.uint32),
-    "tensors": tensors(torch.float64, torch.int64),
-    "narrow tensors": tensors(torch.float32, torch.int32),
+    "tensors": tensors(np.float64, np.int64),
+    "narrow tensors": tensors(np.float32, np.int32),
     "TriangleMesh": Kind(
         as_triangle_mesh, lambda m: ({"vertices": m.vertices, **m.vertex_attributes}, {"faces": m.faces}, {})
     ),

@@ -7,7 +7,6 @@ from typing import Any
 
 import meshio
 import numpy as np
-import pymeshlab
 import pytest
 
 from spinor_geom.adapters import extend, to_mesh
@@ -87,7 +86,9 @@ def test_a_mesh_of_tensors_is_refused_with_advice(open3d: Any) -> None:
         to_mesh(open3d.t.geometry.TriangleMesh.create_box())
 
 
-def mesh_set(vertices: np.ndarray, faces: np.ndarray, label: str = "a mesh", **arrays: np.ndarray) -> pymeshlab.MeshSet:
+def mesh_set(vertices: np.ndarray, faces: np.ndarray, label: str = "a mesh", **arrays: np.ndarray) -> Any:
+    import pymeshlab
+
     meshes = pymeshlab.MeshSet(verbose=False)
     meshes.add_mesh(pymeshlab.Mesh(vertices, faces.astype(np.int32), **arrays), label)
     return meshes
@@ -102,6 +103,8 @@ def test_the_transform_stays() -> None:
 
 
 def test_the_current_mesh_of_a_set_is_taken_and_the_others_stay() -> None:
+    import pymeshlab
+
     meshes = mesh_set(*open_cube(), label="cube")
     meshes.add_mesh(pymeshlab.Mesh(np.eye(3), np.array([[0, 1, 2]], dtype=np.int32)), "triangle")
     assert len(to_mesh(meshes).faces) == 1

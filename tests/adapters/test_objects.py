@@ -7,10 +7,8 @@ from typing import Any
 
 import meshio
 import numpy as np
-import pymeshlab
 import pytest
 import pyvista
-import torch
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -120,13 +118,10 @@ def broken_poly_data() -> pyvista.PolyData:
         ((np.zeros((4, 3)), FACE + 2), VertexIndexError, None),
         ((np.zeros((4, 3)), FACE - 1), VertexIndexError, None),
         ((np.array([[0.0, 0.0, np.nan]] * 3), FACE), NonFiniteVertexError, None),
-        ((torch.zeros((4, 2)), torch.tensor(FACE)), MeshShapeError, None),
-        ((torch.zeros((4, 3)), torch.tensor(FACE * 1.0)), MeshShapeError, None),
         (trimesh.Trimesh(CUBE_POINTS[:5], CUBE_QUADS[:, :3], process=False), VertexIndexError, None),
         (meshio.Mesh(CUBE_POINTS, [("tetra", [[0, 1, 2, 4]])]), MeshShapeError, "extract its surface"),
         (meshio.Mesh(CUBE_POINTS[:, :2], [("quad", CUBE_QUADS)]), MeshShapeError, "append a third coordinate"),
         (meshio.Mesh(CUBE_POINTS[:3], [("triangle", [[0, 1, 3]])]), VertexIndexError, None),
-        (pymeshlab.MeshSet(verbose=False), MeshShapeError, "holds no mesh"),
         (
             pyvista.ImageData(dimensions=(2, 2, 2)).cast_to_unstructured_grid(),
             MeshShapeError,
@@ -141,3 +136,15 @@ def test_what_is_no_mesh_of_triangles_in_space_is_refused(
 ) -> None:
     with pytest.raises(error, match=advice):
         to_mesh(mesh)
+
+
+def test_tensors_and_sets_that_are_no_mesh_are_refused() -> None:
+    import pymeshlab
+    import torch
+
+    faces = torch.tensor(FACE)
+    for pair in ((torch.zeros((4, 2)), faces), (torch.zeros((4, 3)), faces * 1.0)):
+        with pytest.raises(MeshShapeError):
+            to_mesh(pair)
+    with pytest.raises(MeshShapeError, match="holds no mesh"):
+        to_mesh(pymeshlab.MeshSet(verbose=False))

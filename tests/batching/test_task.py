@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spinor_geom import SpinorSurface, batch, boundary_loops, read_mesh
+from spinor_geom import ArraySurface, batch, boundary_loops, read_mesh
 from spinor_geom.batching import archives, solver, workers
 from spinor_geom.batching.archives import ArchiveReader
 from spinor_geom.batching.inputs import Inputs, Source
@@ -83,9 +83,9 @@ def test_a_patch_has_the_loop_as_its_rim_and_the_surface_can_be_loaded(tmp_path:
     (solved_alone,) = solved_loops([BoundaryLoop.from_points(circle(40))], FillOptions(), is_rim=False)
     alone = solved_alone.solution
     assert alone is not None
-    surface = SpinorSurface.load(folder / "loop-0-ring.safetensors")
+    surface = ArraySurface.load(folder / "loop-0-ring.safetensors")
     z = alone.domain.triangulation.points
-    np.testing.assert_array_equal(surface.position(z), alone.surface.position(z))
+    np.testing.assert_array_equal(surface.position(z), alone.array_surface.position(z))
     assert (entry["name"], entry["origin"], entry["status"], entry["vertices"]) == ("ring", "curve", "done", 40)
     assert entry["area"] == alone.area
     assert entry["stability"]["verdict"] == alone.stability.verdict

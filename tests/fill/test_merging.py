@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 import pyvista
-import torch
 import trimesh
 
 from spinor_geom.adapters import merged, register, to_mesh
@@ -32,6 +31,8 @@ def test_given_normals_of_a_trimesh_are_kept() -> None:
 
 
 def test_gradients_flow_to_the_vertices_that_stay() -> None:
+    import torch
+
     vertices, faces = soup()
     positions = torch.from_numpy(vertices).requires_grad_()
     (points, _) = merged((positions, torch.from_numpy(faces)), "rounding")

@@ -1,6 +1,5 @@
 import igl
 import numpy as np
-import pymeshlab
 import pytest
 
 from spinor_geom.errors import OptionError
@@ -69,6 +68,8 @@ def test_bound_by_the_spacing_of_samples_holds():
 
 
 def test_distance_agrees_with_meshlab():
+    import pymeshlab
+
     rng = np.random.default_rng(1)
     first, second = square(9), square(12)
     first[0][:, 2], second[0][:, 2] = 0.05 * rng.normal(size=81), 0.05 * rng.normal(size=144)

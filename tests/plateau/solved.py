@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 from spinor_geom import gallery
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau import PlateauSolution, solve_plateau
-from spinor_geom.surface.spinor_surface import SpinorSurface
+from spinor_geom.surface.array_surface import ArraySurface
 
 SURFACES = {
     "Enneper": gallery.enneper(0.8),
@@ -39,7 +39,7 @@ def spanned(name: str, points: int = 128, tolerance: float = 1e-3) -> PlateauSol
     return solve_plateau(CURVES[name].sample(points), tolerance=tolerance)
 
 
-def distance_to_surface(points: np.ndarray, surface: SpinorSurface) -> np.ndarray:
+def distance_to_surface(points: np.ndarray, surface: ArraySurface) -> np.ndarray:
     """Distance of each point (n, 3) from a surface, by Newton's method from its nearest mesh vertex."""
     vertices = surface.domain.triangulation.points
     z = vertices[cKDTree(surface.position(vertices)).query(points)[1]].copy()
@@ -53,7 +53,7 @@ def distance_to_surface(points: np.ndarray, surface: SpinorSurface) -> np.ndarra
     return np.linalg.norm(surface.position(z) - points, axis=1)
 
 
-def measured(surface: SpinorSurface, curve: BoundaryCurve, samples: int = 2000) -> tuple[float, float]:
+def measured(surface: ArraySurface, curve: BoundaryCurve, samples: int = 2000) -> tuple[float, float]:
     """RMS and largest distance of a surface's boundary from Γ, by arc length of ∂Ω, from public methods alone."""
     boundary = surface.domain.boundary
     # midpoints: no sample of any Gauss rule, and none on a vertex

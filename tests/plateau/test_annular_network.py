@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from spinor_geom import SpinorSurface, solve_plateau
+from spinor_geom import ArraySurface, solve_plateau
 from spinor_geom.arrays import NUMPY
 from spinor_geom.domain.plane_domain import PlaneDomain, panel_breaks
 from spinor_geom.domain.quadrature import Panels
@@ -83,7 +83,7 @@ def test_spinors_that_change_their_sign():
 def test_files_bring_it_back(tmp_path):
     surface = slender().surface
     surface.save(tmp_path / "annulus.safetensors")
-    loaded = SpinorSurface.load(tmp_path / "annulus.safetensors")
+    loaded = ArraySurface.load(tmp_path / "annulus.safetensors")
     z = surface.domain.triangulation.points
     np.testing.assert_array_equal(loaded.position(z), surface.position(z))
 

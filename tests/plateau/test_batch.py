@@ -7,7 +7,6 @@ import pickle
 
 import numpy as np
 import pytest
-import torch
 from hypothesis import given, settings
 
 from spinor_geom import boundary_loops, gallery, read_mesh
@@ -48,6 +47,8 @@ def test_every_solution_is_the_one_of_its_loop_alone(seed):
 
 
 def test_solutions_are_the_same_to_the_last_bit_in_bundles_of_any_size():
+    import torch
+
     loops = [saddle(n, n) for n in (12, 24, 30, 48, 100, 24, 100)]
     loops[2:2] = [noisy_loop(saddle(n, n), 0.3, seed=n) for n in (40, 30, 60)]
     every = list(solve_plateau_batch(loops, between="free"))

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 from hypothesis import given, settings
 
 from spinor_geom import gallery
@@ -42,6 +41,8 @@ def singular(*_: object, **__: object) -> None:
 
 
 def singular_in_torch(*_: object, **__: object) -> None:
+    import torch
+
     torch.linalg.cholesky(torch.zeros(2, 2))
 
 

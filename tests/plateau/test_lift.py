@@ -23,8 +23,8 @@ from spinor_geom.plateau.harmonic.lifted_surface import circles_of, domain_of, s
 from spinor_geom.plateau.harmonic.traces import with_between_nodes
 from spinor_geom.plateau.rims.energy import HarmonicSurface
 from spinor_geom.plateau.threads import one_thread
+from spinor_geom.surface.array_surface import ArraySurface
 from spinor_geom.surface.formulas import phi
-from spinor_geom.surface.spinor_surface import SpinorSurface
 from tests.exact_solutions import ENNEPER
 from tests.loops import noisy_ellipse
 from tests.plateau.slides import DISK, ellipse, even, form_of, solved, tensors
@@ -41,7 +41,7 @@ every_form = pytest.mark.parametrize("form", FORMS.values(), ids=FORMS.keys())
 
 def exact_surface(form, coefficients):
     series = PowerSeries(np.array(coefficients, dtype=np.complex128))
-    return SpinorSurface(series, PlaneDomain.inside(form.boundary))
+    return ArraySurface(series, PlaneDomain.inside(form.boundary))
 
 
 def exact_disk(form, surface, n=256):
@@ -215,7 +215,7 @@ def between(name, n, *, disturbed=0.0):
         *(np.array(part, dtype=np.complex128) for part in (outward, inward)), domain, antiperiodic=odd
     )
     boundary, *holes = circles_of(domain, [64] * domain.rims)
-    known = SpinorSurface(model, PlaneDomain.inside(boundary, holes=tuple(holes)))
+    known = ArraySurface(model, PlaneDomain.inside(boundary, holes=tuple(holes)))
     curves, slides, t = [], [], even(n)
     for rim in known.domain.boundaries:
         points = known.position(rim.point(np.arange(300) / 300))

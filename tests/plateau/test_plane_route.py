@@ -12,7 +12,7 @@ from spinor_geom import gallery
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau import solve_plateau
 from spinor_geom.plateau.plane_route import lie_in_plane
-from spinor_geom.surface.spinor_surface import SpinorSurface
+from spinor_geom.surface.array_surface import ArraySurface
 from tests.loops import CONVEX, L_SHAPE, planar, polygon_area, slit
 
 STAR = [(np.cos(a) * r, np.sin(a) * r) for a, r in zip(np.arange(14) * np.pi / 7, [3.0, 1.0] * 7, strict=True)]
@@ -106,7 +106,7 @@ def test_loops_of_high_degree_are_read_again(tmp_path):
     solution = solve_plateau(gallery.ellipse(2).sample(100))
     assert solution.curve.kind != "cubic"
     solution.surface.save(tmp_path / "s.safetensors")
-    again = SpinorSurface.load(tmp_path / "s.safetensors")
+    again = ArraySurface.load(tmp_path / "s.safetensors")
     t = np.linspace(0, 1, 50)
     assert (again.domain.boundary.point(t) == solution.domain.boundary.point(t)).all()
     assert again.area() == solution.surface.area()

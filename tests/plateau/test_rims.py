@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from spinor_geom import SpinorSurface, mesh_patch, solve_plateau
+from spinor_geom import ArraySurface, mesh_patch, solve_plateau
 from spinor_geom.arrays import NUMPY
 from spinor_geom.errors import UnresolvedRimsError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
@@ -237,7 +237,7 @@ def test_surface_closes_and_lies_on_all_rims():
         away = np.linalg.norm(surface.position(rim.points_in_domain()) - rim.loop.points, axis=1)
         assert away.max() < 1e-4 * rim.loop.mean_edge_length
     # by paths around any side of the holes
-    by_quadrature = SpinorSurface(
+    by_quadrature = ArraySurface(
         surface.model, surface.domain, surface.constant, spinor_map=surface.spinor_map, quadrature="gauss", order=24
     )
     z = four().domain.triangulation.points
@@ -248,7 +248,7 @@ def test_surface_closes_and_lies_on_all_rims():
 def test_files_bring_the_surface_back(tmp_path):
     surface = trinoid().surface
     surface.save(tmp_path / "trinoid.safetensors")
-    loaded = SpinorSurface.load(tmp_path / "trinoid.safetensors")
+    loaded = ArraySurface.load(tmp_path / "trinoid.safetensors")
     z = surface.domain.triangulation.points
     np.testing.assert_array_equal(loaded.position(z), surface.position(z))
     assert loaded.area() == surface.area()

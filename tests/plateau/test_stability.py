@@ -16,7 +16,7 @@ from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau import solve_plateau
 from spinor_geom.plateau.stability import assess_stability, gauss_image_areas, lowest_modes, stable_by_curvature
-from spinor_geom.surface.spinor_surface import SpinorSurface
+from spinor_geom.surface.array_surface import ArraySurface
 from tests.loops import noisy_ellipse
 from tests.sizes import constant_size
 
@@ -136,11 +136,11 @@ def test_modes_of_the_hemisphere_are_spherical_harmonics():
     assert (u[:128] == 0).all()
 
 
-def power(degree: int, factor: float) -> SpinorSurface:
+def power(degree: int, factor: float) -> ArraySurface:
     """p = 1 and q a power of z on the unit disk: its normals cover a cap of the sphere as many times."""
     coefficients = np.zeros((degree + 1, 2), dtype=np.complex128)
     coefficients[0, 0], coefficients[degree, 1] = 1, factor
-    return SpinorSurface(PowerSeries(coefficients), PlaneDomain.disk())
+    return ArraySurface(PowerSeries(coefficients), PlaneDomain.disk())
 
 
 @pytest.mark.parametrize(

@@ -10,11 +10,9 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-import torch
 
 from spinor_geom import BoundaryLoop, deadline, gallery, solve_plateau, solve_plateau_batch
 from spinor_geom.errors import OutOfTimeError
-from spinor_geom.gradients.minimal_area import minimal_area
 from spinor_geom.gradients.minimal_surface import minimal_surface
 from spinor_geom.meshing.embed import mesh_patch
 from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution
@@ -151,6 +149,10 @@ def test_meshes_are_made_within_the_limit() -> None:
 
 
 def test_patches_for_cad_and_differentiable_meshes_have_a_limit() -> None:
+    import torch
+
+    from spinor_geom.gradients.minimal_area import minimal_area
+
     loop = gallery.tennis_seam(0.8).sample(32)
     solution = solve_plateau(loop)
     whole, cut = (solution.to_nurbs(tolerance=1e-7, time_limit=seconds) for seconds in (60.0, 1e-9))

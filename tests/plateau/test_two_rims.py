@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from spinor_geom import SpinorSurface, mesh_patch, solve_plateau
+from spinor_geom import ArraySurface, mesh_patch, solve_plateau
 from spinor_geom.arrays import NUMPY
 from spinor_geom.errors import (
     LoopsMeetError,
@@ -260,7 +260,7 @@ def test_surface_closes_and_lies_on_both_rims():
         away = np.linalg.norm(surface.position(rim.points_in_domain()) - rim.loop.points, axis=1)
         assert away.max() < 1e-3 * rim.loop.mean_edge_length
     # by paths around either side of the hole
-    by_quadrature = SpinorSurface(
+    by_quadrature = ArraySurface(
         surface.model, surface.domain, surface.constant, spinor_map=surface.spinor_map, quadrature="simpson", order=64
     )
     z = solution.domain.triangulation.points

@@ -23,14 +23,14 @@ from spinor_geom.render.morph import SUFFIXES, morph
 from spinor_geom.render.page import farthest
 from spinor_geom.render.portrait import GAUSS, GRID_LINES, Portrait, grid_lines, surface_layers
 from spinor_geom.render.scene import Faces
-from spinor_geom.surface.spinor_surface import SpinorSurface
+from spinor_geom.surface.array_surface import ArraySurface
 from tests.browser import browser, visit
 from tests.render.test_viewer import array, views_of
 
 ANGLES = st.floats(-10, 10)
 
 
-def catenoid_on_a_ring() -> SpinorSurface:
+def catenoid_on_a_ring() -> ArraySurface:
     """p = 1, q = 1/z over the unit disk: ∮ φ dz is not 0 around the pole, and imaginary."""
     z = np.exp(2j * np.pi * np.arange(64) / 64)
     model = CauchyNetwork.orthonormal_on(
@@ -42,7 +42,7 @@ def catenoid_on_a_ring() -> SpinorSurface:
     )
     wanted = np.stack([np.ones_like(z), 1 / z], axis=1)
     readout = np.linalg.lstsq(model.features(z), wanted)[0]
-    return SpinorSurface(replace(model, readout=readout), PlaneDomain.disk())
+    return ArraySurface(replace(model, readout=readout), PlaneDomain.disk())
 
 
 @pytest.fixture(scope="module")
@@ -116,7 +116,7 @@ def test_a_surface_without_family_has_a_picture() -> None:
 
 
 def test_a_point_is_no_surface() -> None:
-    nothing = SpinorSurface(PowerSeries(np.zeros((2, 2), dtype=np.complex128)), PlaneDomain.disk())
+    nothing = ArraySurface(PowerSeries(np.zeros((2, 2), dtype=np.complex128)), PlaneDomain.disk())
     with pytest.raises(SurfaceError, match="area 0"):
         surface_layers(nothing)
 

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 import trimesh
 
 import spinor_geom
@@ -60,6 +59,8 @@ def test_a_mesh_as_pyvista_has_mean_curvature_and_its_own_attributes() -> None:
 
 
 def test_trimesh_and_tensors_have_the_same_vertices_and_faces(enneper: PlateauSolution) -> None:
+    import torch
+
     patch = spinor_geom.mesh_patch(enneper)
     made = patch.to_trimesh()
     np.testing.assert_array_equal(made.vertices, patch.vertices)
