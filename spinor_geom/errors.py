@@ -303,6 +303,10 @@ class ImperfectFillWarning(UserWarning):
     """A hole is still open, or its patch is discrete, exceeds the tolerance, or has intersections."""
 
 
+class HiddenTextureWarning(UserWarning):
+    """A mesh has a texture that pictures and pages do not show."""
+
+
 class UncertainGradientWarning(UserWarning):
     """Derivatives of a surface are approximate, or may not exist."""
 

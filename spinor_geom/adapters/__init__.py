@@ -18,7 +18,7 @@ from spinor_geom.adapters.mesh_files import MeshFile, MeshFileAdapter, read_mesh
 from spinor_geom.adapters.mesh_objects import MeshioAdapter, MeshSetAdapter, Open3DAdapter
 from spinor_geom.adapters.polygon_faces import Polygons
 from spinor_geom.adapters.pyvista_mesh import PyVistaAdapter
-from spinor_geom.adapters.registry import Adapter, extend, known_types, merged, register, to_mesh
+from spinor_geom.adapters.registry import Adapter, extend, known_types, merged, register, textured, to_mesh
 from spinor_geom.adapters.rim_arguments import Rim, is_mesh, to_rims
 from spinor_geom.adapters.trimesh_mesh import SceneAdapter, TrimeshAdapter
 
@@ -47,6 +47,7 @@ __all__ = [
     "merged",
     "read_mesh",
     "register",
+    "textured",
     "to_mesh",
     "to_rims",
 ]

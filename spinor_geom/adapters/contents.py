@@ -34,6 +34,9 @@ class FileContents:
     attributes: Mapping[str, Float[np.ndarray, "v _"]] = field(default_factory=dict)
     labels: frozenset[str] = frozenset()  # names of the attributes whose values are classes
     color_scale: float = 1.0  # full intensity in "color": 1, 255 or 65535
+    has_linear_colors: bool = False  # whether "color" is proportional to light, as in GLB; else it is sRGB
+    # factors of the colours of the vertices that were read, proportional to light, by materials; None without any
+    tint: Float[np.ndarray, "n 3"] | None = None
     # the vertex that represents the position of each: itself, except at texture and normal seams
     representatives: Int[np.ndarray, " v"]
     # the index of the loop that each polygon fills, −1 for those that were read; None if none was added
@@ -66,6 +69,27 @@ class FileContents:
         """Points and curves alone."""
         none = Polygons.of_triangles(np.zeros((0, 3), dtype=np.int64))
         return cls(vertices=vertices, polygons=none, representatives=np.arange(len(vertices)), polylines=polylines)
+
+    @property
+    def srgb(self) -> Float[np.ndarray, "v 3"] | None:
+        """The colours of the vertices in sRGB, 0 to 1, with those of their materials; None without colours."""
+        colors = self.attributes.get("color")
+        if (colors is None or colors.shape[1] < 3) and self.tint is None:
+            return None
+        shown = np.ones((len(self.vertices), 3)) if colors is None else np.clip(colors[:, :3] / self.color_scale, 0, 1)
+        if self.tint is None:
+            return srgb_of(shown) if self.has_linear_colors else shown
+        shown[: len(self.tint)] *= self.tint
+        return srgb_of(shown)
+
+    def with_colors(self, *, linear: bool) -> FileContents:
+        """The contents with "color" proportional to light, or in sRGB; a fourth column, opacity, is not changed."""
+        if linear == self.has_linear_colors or "color" not in self.attributes:
+            return self
+        colors = self.attributes["color"] / self.color_scale
+        colors[:, :3] = (linear_of if linear else srgb_of)(colors[:, :3])
+        attributes = {**self.attributes, "color": colors * self.color_scale}
+        return replace(self, attributes=attributes, has_linear_colors=linear)
 
     def split(self) -> FileContents:
         """The contents with the attribute "uv" in place of `corner_uv`: its vertices have one "uv" each.
@@ -111,6 +135,16 @@ def text_rows(*tables: Real[np.ndarray, "n _"]) -> list[str]:
     """Tables side by side as text, a line for each row, with all digits."""
     columns = [list(map(repr, column.tolist())) for table in tables for column in table.T]
     return list(map(" ".join, zip(*columns, strict=True)))
+
+
+def srgb_of(linear: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
+    """Colours proportional to light, 0 to 1, in sRGB."""
+    return np.asarray(np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 0) ** (1 / 2.4) - 0.055))
+
+
+def linear_of(srgb: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3"]:
+    """The inverse of `srgb_of`."""
+    return np.asarray(np.where(srgb <= 0.04045, srgb / 12.92, (np.maximum(srgb, 0) / 1.055 + 0.055 / 1.055) ** 2.4))
 
 
 def color_scale_of(values: np.ndarray) -> float:

@@ -60,12 +60,29 @@ def read_glb(data: bytes) -> FileContents:
         polygons=Polygons.of_triangles(np.concatenate([piece.faces + piece.start for piece in pieces])),
         attributes=attributes,
         color_scale=1.0 if color_dtype.kind == "f" else float(np.iinfo(color_dtype).max),
+        has_linear_colors=True,
+        tint=_tint(container, pieces),
         representatives=_representatives(vertices, pieces),
         appearance=_appearance(container, pieces),
         unit="meter",
         suffix=".glb",
         appended=partial(_appended, data, pieces),
     )
+
+
+def _tint(container: GlbContainer, pieces: Sequence[PlacedPrimitive]) -> Float[np.ndarray, "n 3"] | None:
+    """The base colours of the materials at all vertices; None if they are all white."""
+    tints = np.ones((len(pieces), 3))
+    for tint, primitive in zip(tints, _primitives(container, pieces), strict=True):
+        material = container.item("materials", primitive["material"]) if "material" in primitive else {}
+        factor = material.get("pbrMetallicRoughness", {}).get("baseColorFactor", (1.0, 1.0, 1.0))
+        tint[:] = np.clip(np.array(factor[:3], dtype=np.float64), 0, 1)
+    return None if (tints == 1).all() else tints.repeat([piece.stop - piece.start for piece in pieces], axis=0)
+
+
+def _primitives(container: GlbContainer, pieces: Sequence[PlacedPrimitive]) -> list[Json]:
+    meshes = [container.tree["meshes"][container.tree["nodes"][piece.node]["mesh"]] for piece in pieces]
+    return [mesh["primitives"][piece.primitive] for mesh, piece in zip(meshes, pieces, strict=True)]
 
 
 def _appearance(container: GlbContainer, pieces: Sequence[PlacedPrimitive]) -> Appearance | None:
@@ -77,17 +94,15 @@ def _appearance(container: GlbContainer, pieces: Sequence[PlacedPrimitive]) -> A
     images = [image for image in listed if isinstance(image, dict)] if isinstance(listed, list) else []
     outside = [image["uri"] for image in images if isinstance(image.get("uri"), str)]
     names = tuple(unquote(uri) for uri in outside if not uri.startswith("data:"))
-    meshes = [tree["meshes"][tree["nodes"][piece.node]["mesh"]] for piece in pieces]
-    primitives = [mesh["primitives"][piece.primitive] for mesh, piece in zip(meshes, pieces, strict=True)]
     try:
-        (material,) = {primitive.get("material") for primitive in primitives}
+        (material,) = {primitive.get("material") for primitive in _primitives(container, pieces)}
         described = tree["materials"][material]["pbrMetallicRoughness"]["baseColorTexture"]
         image = tree["images"][tree["textures"][described["index"]]["source"]]
         data = container.views[image["bufferView"]]
         suffix = next(key for key, kind in EMBEDDED.items() if kind == image["mimeType"])
         is_plain = not described.get("texCoord") and not described.get("extensions")
     except (ValueError, TypeError, KeyError, IndexError, AttributeError, StopIteration):  # of another form
-        return Appearance(names=names)
+        return Appearance(names=names, has_several="textures" in tree)
     texture = Texture(data=data, name=f"texture{suffix}") if data and is_plain else None
     return Appearance(names=names, texture=texture)
 

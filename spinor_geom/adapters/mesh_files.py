@@ -22,7 +22,7 @@ from spinor_geom.adapters.off import encode_off, read_off
 from spinor_geom.adapters.ply import encode_ply, names_in_ply, read_ply
 from spinor_geom.adapters.polygon_faces import Polygons, close_seams
 from spinor_geom.adapters.stl import encode_stl, read_stl
-from spinor_geom.adapters.textures import Appearance, Companions, Texture
+from spinor_geom.adapters.textures import Appearance, Companions, Texture, Textured
 from spinor_geom.adapters.threemf import encode_3mf, read_3mf
 from spinor_geom.adapters.vertex_data import append_attributes
 from spinor_geom.errors import (
@@ -177,6 +177,7 @@ class MeshFile(Shown):
             polylines=tuple(new_index[curve] for curve in self.polylines),
             notes=(*self.notes, *notes),
             corner_uv=None,
+            tint=None,
             suffix="",
         )
         return MeshFile.of_contents(contents, path=self.path)
@@ -242,7 +243,7 @@ class MeshFile(Shown):
         if follows:
             return notes + named.notes, named.files, None
         texture = appearance.texture or named.texture
-        if texture is not None and suffix in TEXTURED and "uv" in self.contents.attributes:
+        if texture is not None and texture.is_embeddable and suffix in TEXTURED and "uv" in self.contents.attributes:
             return notes, {}, texture
         reason = f"{suffix} files hold none" if suffix not in TEXTURED else "only a single texture can be converted"
         if suffix in TEXTURED and "uv" not in self.contents.attributes:
@@ -250,15 +251,22 @@ class MeshFile(Shown):
         return [*notes, *named.notes, f"the materials and textures are left out: {reason}"], {}, None
 
     def textured(self) -> tuple[Texture, Float[np.ndarray, "f 3 2"]] | None:
-        """The only texture, and its coordinates at the corners of the triangles of `mesh`; None without a texture."""
+        """The only texture, and its coordinates at the corners of the triangles of `mesh`; None without a texture.
+
+        Raises a MeshFileError if there are several, or an image was not read.
+        """
         contents = self.contents.split()
         appearance = contents.appearance
         if appearance is None or contents.attributes.get("uv", np.zeros((0, 0))).shape[1] < 2:
             return None
-        named = None if self.path is None else Companions.of(self.path.parent, appearance.names)
-        texture = appearance.texture or (None if named is None else named.texture)
+        named = Companions.of(Path() if self.path is None else self.path.parent, appearance.names)
+        texture = appearance.texture or named.texture
         if texture is None:
-            return None
+            if not named.colours and not appearance.has_several:
+                return None
+            raise MeshFileError(
+                "; ".join(named.notes) or "only a single texture can be shown; join the images into one"
+            )
         triangles, _ = contents.polygons.triangulated(contents.vertices)
         _, kept = close_seams(triangles, contents.representatives)
         return texture, contents.attributes["uv"][triangles[kept], :2]
@@ -349,7 +357,7 @@ def encoded(contents: FileContents, suffix: str) -> bytes:
     if not FORMATS[suffix].holds_nan:
         finite = with_finite_rows(contents.vertices, contents.polygons.corners)
         contents = replace(contents, vertices=finite)
-    return FORMATS[suffix].encode(contents)
+    return FORMATS[suffix].encode(contents.with_colors(linear=suffix == ".glb"))
 
 
 def read_mesh(path: str | os.PathLike[str]) -> MeshFile:
@@ -446,6 +454,11 @@ class MeshFileAdapter:
     def merged(self, obj: Any, within: Within) -> MeshFile:
         """The file with vertices merged, as by `MeshFile.merged`; nothing is written."""
         return _opened(obj).merged(within)
+
+    def textured(self, obj: Any, largest: int) -> Textured | None:
+        """The only texture of the file; raises as `MeshFile.textured` and `Texture.pixels`."""
+        found = _opened(obj).textured()
+        return None if found is None else (found[0].pixels(largest), found[1])
 
 
 def _opened(obj: MeshFile | str | os.PathLike[str]) -> MeshFile:

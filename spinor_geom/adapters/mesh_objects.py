@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from spinor_geom.adapters.polygon_faces import Polygons, without_seams
+from spinor_geom.adapters.polygon_faces import Polygons, closed_along_seams, without_seams
+from spinor_geom.adapters.textures import Textured, pixels_of
 from spinor_geom.adapters.vertex_data import (
     append_attributes,
     append_most_frequent,
@@ -16,7 +17,7 @@ from spinor_geom.adapters.vertex_data import (
     triangles_of,
     unit_vectors,
 )
-from spinor_geom.errors import MeshShapeError
+from spinor_geom.errors import MeshShapeError, require
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh, Within
 
 if TYPE_CHECKING:
@@ -38,8 +39,18 @@ class Open3DAdapter:
 
     def to_mesh(self, obj: Any) -> TriangleMesh:
         """The triangles; raises a MeshShapeError if the mesh is one of tensors."""
-        arrays = self._arrays(obj)
-        return without_seams(triangles_of(np.asarray(obj.vertices), np.asarray(obj.triangles), arrays))
+        return without_seams(self._triangles(obj))
+
+    def textured(self, obj: Any, largest: int) -> Textured | None:
+        """The only texture; Open3D stores images with the lowest row first."""
+        images = [np.asarray(texture) for texture in obj.textures if not texture.is_empty()]
+        if not obj.has_triangle_uvs() or len(images) != 1:
+            return None
+        require("PIL", extra="render")
+        from PIL import Image
+
+        _, kept = closed_along_seams(self._triangles(obj))
+        return pixels_of(Image.fromarray(images[0][::-1]), largest), np.asarray(obj.triangle_uvs).reshape(-1, 3, 2)[kept]
 
     def extend(self, obj: Any, extension: MeshExtension) -> Any:
         """A new mesh with the extension appended; textures are copied.
@@ -68,6 +79,10 @@ class Open3DAdapter:
         kept, new_index = self.to_mesh(obj).merge_map(within)
         attributes = {name: values[kept] for name, values in self._arrays(obj).items()}
         return self._copy(obj, np.asarray(obj.vertices)[kept], new_index[np.asarray(obj.triangles)], attributes)
+
+    def _triangles(self, obj: Any) -> TriangleMesh:
+        """The triangles with their seams."""
+        return triangles_of(np.asarray(obj.vertices), np.asarray(obj.triangles), self._arrays(obj))
 
     def _arrays(self, obj: Any) -> dict[str, np.ndarray]:
         if hasattr(obj, "to_legacy"):

@@ -218,7 +218,11 @@ def appearance_of(attributes: Mapping[str, Float[np.ndarray, "v _"]]) -> list[Fl
 
 def without_seams(mesh: TriangleMesh) -> TriangleMesh:
     """A mesh closed along the edges where texture coordinates, normals or colours differ."""
-    polygons, appearance = Polygons.of_triangles(mesh.faces), appearance_of(mesh.vertex_attributes)
-    representatives = seam_representatives(mesh.vertices, polygons, appearance)
-    closed, _ = close_seams(mesh.faces, representatives)
+    closed, _ = closed_along_seams(mesh)
     return TriangleMesh(mesh.vertices, closed, vertex_attributes=mesh.vertex_attributes, labels=mesh.labels)
+
+
+def closed_along_seams(mesh: TriangleMesh) -> tuple[Int[np.ndarray, "g 3"], Bool[np.ndarray, " f"]]:
+    """The triangles of `without_seams`, and a mask of those that are kept, as by `close_seams`."""
+    polygons, appearance = Polygons.of_triangles(mesh.faces), appearance_of(mesh.vertex_attributes)
+    return close_seams(mesh.faces, seam_representatives(mesh.vertices, polygons, appearance))

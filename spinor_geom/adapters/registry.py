@@ -2,6 +2,7 @@
 
 from typing import Any, Protocol
 
+from spinor_geom.adapters.textures import Textured
 from spinor_geom.errors import OptionError, UnknownMeshTypeError
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh, Within
 
@@ -11,7 +12,8 @@ class Adapter(Protocol):
 
     An adapter may have a third method, `merged(obj, within)`: a new object of the type of `obj` with the vertices
     merged that `TriangleMesh.merge_map` returns. Of each group the vertex of lowest index stays, with its attributes,
-    and all faces stay, in their order.
+    and all faces stay, in their order. A fourth one is `textured(obj, largest)`: the texture that pictures show, with
+    at most `largest` pixels on its longer side, and its coordinates at the corners of the triangles of `to_mesh`.
     """
 
     @property
@@ -111,6 +113,19 @@ def merged(obj: Any, within: Within) -> Any:
             f"the adapter of {adapter.name} cannot merge vertices; merge with its library, or give (vertices, faces)"
         )
     return merge(obj, within)
+
+
+def textured(obj: Any, largest: int) -> Textured | None:
+    """The only texture of a mesh; None if it has none, or the adapter of its type does not know.
+
+    Raises:
+        UnknownMeshTypeError: as for `to_mesh`.
+        MeshFileError: there are several textures, or an image cannot be read.
+        MissingPackageError: Pillow is not installed.
+    """
+    own = getattr(_adapter_of(obj), "textured", None)
+    found: Textured | None = None if own is None else own(obj, largest)
+    return found
 
 
 def known_types() -> tuple[str, ...]:

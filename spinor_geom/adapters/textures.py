@@ -15,13 +15,19 @@ import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
-from jaxtyping import UInt8
+from jaxtyping import Float, UInt8
 
-from spinor_geom.errors import require
+from spinor_geom.errors import MeshFileError, require
 from spinor_geom.files import safe_name
 
+if TYPE_CHECKING:
+    import PIL.Image
+
+# an image, and coordinates in it of the corners of triangles (f, 3, 2), with the origin at the lower left
+Textured: TypeAlias = tuple[UInt8[np.ndarray, "h w 3"], Float[np.ndarray, "f 3 2"]]
 _SHOWN = ("PNG", "JPEG", "BMP", "GIF", "TGA", "WEBP")  # other readers of Pillow report damaged files in other ways
 LIBRARY, IMAGES = ".mtl", (".png", ".jpg", ".jpeg", ".bmp", ".tga", ".tif", ".tiff", ".gif", ".webp", ".dds", ".exr")
 EMBEDDED = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}  # in GLB, with their media types
@@ -44,8 +50,16 @@ class Texture:
         """As in `EMBEDDED`."""
         return EMBEDDED[PurePosixPath(self.name).suffix.lower()]
 
-    def pixels(self, largest: int) -> UInt8[np.ndarray, "h w 3"] | None:
-        """The image with at most `largest` pixels on its longer side; None if it is none of `_SHOWN`, or very large."""
+    @property
+    def is_embeddable(self) -> bool:
+        """Whether GLB files hold images of this format."""
+        return PurePosixPath(self.name).suffix.lower() in EMBEDDED
+
+    def pixels(self, largest: int) -> UInt8[np.ndarray, "h w 3"]:
+        """The image with at most `largest` pixels on its longer side.
+
+        Raises a MeshFileError if it is none of `_SHOWN`, damaged or very large.
+        """
         require("PIL", extra="render")
         from PIL import Image
 
@@ -54,10 +68,25 @@ class Texture:
             warnings.simplefilter("error", Image.DecompressionBombWarning)  # a small file may unpack to gigabytes
             try:
                 image = Image.open(io.BytesIO(self.data), formats=_SHOWN).convert("RGB")
-            except (OSError, ValueError, SyntaxError, Image.DecompressionBombError, Image.DecompressionBombWarning):
-                return None
-        image.thumbnail((largest, largest))
-        return np.asarray(image)
+            except (
+                OSError,
+                ValueError,
+                SyntaxError,
+                Image.DecompressionBombError,
+                Image.DecompressionBombWarning,
+            ) as error:
+                known = ", ".join(_SHOWN)
+                raise MeshFileError(
+                    f"the image {self.name[:80]!r} is damaged, too large, or none of {known}; convert it to PNG"
+                ) from error
+        return pixels_of(image, largest)
+
+
+def pixels_of(image: PIL.Image.Image, largest: int) -> UInt8[np.ndarray, "h w 3"]:
+    """An image with at most `largest` pixels on its longer side."""
+    image = image.convert("RGB")
+    image.thumbnail((largest, largest))
+    return np.asarray(image)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -66,6 +95,7 @@ class Appearance:
 
     names: tuple[str, ...] = ()
     texture: Texture | None = None
+    has_several: bool = False  # whether textures are inside that no other format of ours holds
 
 
 @dataclass(kw_only=True, eq=False)
@@ -101,12 +131,10 @@ class Companions:
 
     @property
     def texture(self) -> Texture | None:
-        """The only image of colours, if it can be embedded."""
-        if len(self.colours) != 1:
+        """The only image of colours."""
+        if len(self.colours) != 1 or not self.colours <= self.files.keys():
             return None
         (name,) = self.colours
-        if name not in self.files or PurePosixPath(name).suffix.lower() not in EMBEDDED:
-            return None
         return Texture(data=self.files[name], name=name)
 
     def _add(self, name: str, suffixes: tuple[str, ...]) -> None:

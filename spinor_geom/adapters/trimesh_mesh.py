@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinor_geom.adapters.polygon_faces import without_seams
+from spinor_geom.adapters.polygon_faces import closed_along_seams, without_seams
+from spinor_geom.adapters.textures import Textured, pixels_of
 from spinor_geom.adapters.vertex_data import (
     append_attributes,
     append_most_frequent,
@@ -37,9 +38,18 @@ class TrimeshAdapter:
 
     def to_mesh(self, obj: trimesh.Trimesh) -> TriangleMesh:
         """The triangles, closed along texture seams."""
-        mesh = triangles_of(np.asarray(obj.vertices), np.asarray(obj.faces), _arrays(obj))
         visual: Any = obj.visual
-        return without_seams(mesh) if visual.kind == "texture" else mesh
+        return without_seams(_triangles(obj)) if visual.kind == "texture" else _triangles(obj)
+
+    def textured(self, obj: trimesh.Trimesh, largest: int) -> Textured | None:
+        """The image of the material, if it has one."""
+        visual: Any = obj.visual
+        material = getattr(visual, "material", None)
+        image = getattr(material, "image", None) or getattr(material, "baseColorTexture", None)
+        if image is None or visual.uv is None:
+            return None
+        _, kept = closed_along_seams(_triangles(obj))
+        return pixels_of(image, largest), np.asarray(visual.uv, dtype=np.float64)[np.asarray(obj.faces)[kept], :2]
 
     def extend(self, obj: trimesh.Trimesh, extension: MeshExtension) -> trimesh.Trimesh:
         """A new `Trimesh` with the extension appended; material, metadata and attributes are copied.
@@ -81,6 +91,11 @@ class TrimeshAdapter:
             # trimesh types this property as a method
             made.vertex_normals = normals[kept]  # type: ignore[method-assign]
         return made
+
+
+def _triangles(mesh: trimesh.Trimesh) -> TriangleMesh:
+    """The triangles with their seams."""
+    return triangles_of(np.asarray(mesh.vertices), np.asarray(mesh.faces), _arrays(mesh))
 
 
 def _arrays(mesh: trimesh.Trimesh) -> dict[str, Any]:
@@ -171,6 +186,11 @@ class SceneAdapter:
         labels = {part.names[name] for part in parts for name in part.mesh.labels}
         none = np.zeros((0, 3), dtype=np.int64)
         return TriangleMesh(vertices, np.concatenate([none, *faces]), vertex_attributes=attributes, labels=labels)
+
+    def textured(self, obj: trimesh.Scene, largest: int) -> Textured | None:
+        """The texture of the only mesh of a scene."""
+        parts = _parts(obj)
+        return _MESHES.textured(obj.geometry[parts[0].geometry], largest) if len(parts) == 1 else None
 
     def extend(self, obj: trimesh.Scene, extension: MeshExtension) -> trimesh.Scene:
         """A new `Scene` whose geometries are extended; raises a MeshShapeError for faces that join two of them."""

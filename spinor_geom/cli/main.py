@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from spinor_geom.batching.settings import FORMAT, WHAT
-from spinor_geom.errors import ImperfectFillWarning, SpinorGeomError, UncertainGradientWarning
+from spinor_geom.errors import HiddenTextureWarning, ImperfectFillWarning, SpinorGeomError, UncertainGradientWarning
 from spinor_geom.experiments import NAMES as EXPERIMENTS
 from spinor_geom.files import MESH_SUFFIXES
 from spinor_geom.fill.fill_options import CLOSING, CONTINUITIES, ISLANDS, TIME_LIMIT
@@ -45,9 +45,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         gc.enable()
         with warnings.catch_warnings():
             # warnings of libraries are no sentences for users; -W and PYTHONWARNINGS show them
-            for category in (ImperfectFillWarning, UncertainGradientWarning):
+            for category in (HiddenTextureWarning, ImperfectFillWarning, UncertainGradientWarning):
                 warnings.simplefilter("default", category, append=True)
             warnings.simplefilter("ignore", append=True)
+            console = importlib.import_module("spinor_geom.cli.console")
+            warnings.showwarning = lambda message, *_, **__: console.complain(str(message))
             return int(command.run(arguments))
     except (SpinorGeomError, OSError, MemoryError, KeyboardInterrupt) as error:
         return int(importlib.import_module("spinor_geom.cli.console").report_error(error))

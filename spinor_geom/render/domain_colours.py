@@ -3,6 +3,8 @@
 import numpy as np
 from jaxtyping import Complex, Float
 
+from spinor_geom.adapters.contents import srgb_of
+
 # largest chroma in OKLCH, and its slopes at black and at white, so that all hues lie inside sRGB
 _CHROMA, _RISE, _FALL = 0.125, 0.25, 0.5
 _RINGS = 0.08  # relative step of the lightness at powers of two
@@ -36,5 +38,5 @@ def domain_colours(value: Complex[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pt
     hue = np.angle(value) + np.radians(25.0)  # red
     lab = np.stack([lightness, chroma * np.cos(hue), chroma * np.sin(hue)], axis=-1)
     linear = np.clip((lab @ _TO_LMS.T) ** 3 @ _TO_RGB.T, 0.0, 1.0)
-    rgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+    rgb = srgb_of(linear)
     return np.asarray(np.where(np.isnan(rgb), 1.0, rgb))

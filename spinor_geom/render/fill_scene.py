@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float
 
-from spinor_geom.adapters import MeshFile
+from spinor_geom.adapters import MeshFile, textured
 from spinor_geom.adapters.contents import color_scale_of
 from spinor_geom.domain.delaunay import rim_successors
+from spinor_geom.errors import HiddenTextureWarning, MeshFileError
 from spinor_geom.files import up_axis
 from spinor_geom.fill.fill_result import FillResult, LoopOutcome
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
@@ -68,16 +70,21 @@ def loops_scene(
 def skin_of(source: object, mesh: TriangleMesh) -> dict[str, Any]:
     """The texture of a mesh, or the colours of its vertices, as `skin` and `image` of `Faces`; empty without colours.
 
-    The triangles of `mesh` are the first ones of `source`, a MeshFile or another mesh.
+    The triangles of `mesh` are the first ones of `source`, a mesh of any type. Warns of a texture that is not shown.
     """
-    file = source if isinstance(source, MeshFile) else None
-    if file and (found := file.textured()) is not None and (image := found[0].pixels(LARGEST_IMAGE)) is not None:
-        return {"skin": found[1][: len(mesh.faces)].reshape(-1, 2), "image": image}
-    colours = mesh.vertex_attributes.get("color")
-    if colours is None or colours.shape[1] < 3:
-        return {}
-    scale = file.contents.color_scale if file else color_scale_of(colours)
-    return {"skin": np.clip(colours[:, :3] / scale, 0.0, 1.0)}
+    try:
+        found = textured(source, LARGEST_IMAGE)
+    except MeshFileError as error:
+        warnings.warn(f"the texture is not shown: {error}", HiddenTextureWarning, stacklevel=3)
+        found = None
+    if found is not None:
+        image, corners = found
+        return {"skin": corners[: len(mesh.faces)].reshape(-1, 2), "image": image}
+    colours = mesh.vertex_attributes.get("color", np.zeros((0, 0)))
+    if isinstance(source, MeshFile):
+        srgb = source.contents.srgb
+        return {} if srgb is None else {"skin": srgb[: len(mesh.vertices)]}
+    return {"skin": np.clip(colours[:, :3] / color_scale_of(colours), 0, 1)} if colours.shape[1] >= 3 else {}
 
 
 def mesh_layers(

@@ -59,9 +59,7 @@ class Shape:
         target = Path(path)
         if target.suffix.lower() != ".glb":
             raise MeshFileError(f"{target}: binary glTF has the suffix .glb, not '{target.suffix}'", path=target)
-        srgb = viridis(self.curvature)
-        # colours are linear in glTF
-        attributes = {"color": np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)}
+        attributes = {"color": viridis(self.curvature)}
         if NORMAL in self.values:
             attributes[NORMAL] = self.values[NORMAL]
         write_triangles(self.vertices, self.faces, target, attributes)
@@ -96,7 +94,7 @@ def shape_of(shown: Any) -> Shape:
     if isinstance(shown, PlateauSolution):
         return _minimal(mesh_patch(shown), shown.array_surface)
     if isinstance(shown, (Patch, DiscreteMinimalSurface, Solid)):
-        mesh = TriangleMesh(shown.vertices, shown.faces)
+        shown = mesh = TriangleMesh(shown.vertices, shown.faces)
     else:
         mesh = to_mesh(shown.mesh if isinstance(shown, FillResult) else shown)
     mean = np.full(len(mesh.vertices), np.nan)

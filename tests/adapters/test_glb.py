@@ -9,12 +9,15 @@ import pytest
 import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
+from trimesh.visual.material import PBRMaterial
 
 from spinor_geom.adapters import glb, read_mesh
 from spinor_geom.adapters.glb import read_glb
 from spinor_geom.adapters.glb_container import GlbContainer
+from spinor_geom.adapters.mesh_files import write_triangles
 from spinor_geom.mesh.topology import boundary_edges
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
+from spinor_geom.render.fill_scene import skin_of
 from tests.adapters.malformed import nested
 from tests.adapters.shapes import extensions, glb_file, is_closed, lid, open_cube, reading
 
@@ -325,3 +328,19 @@ def test_second_texture_set_survives_a_new_file(tmp_path: Path) -> None:
     second = np.random.default_rng(2).uniform(size=(8, 2)).astype(np.float32)
     parsed(glb_file([{**CUBE, "TEXCOORD_1": second}])).merged().write(tmp_path / "a.glb")
     assert np.array_equal(read_mesh(tmp_path / "a.glb").mesh.vertex_attributes["TEXCOORD_1"], second)
+
+
+def test_colours_of_vertices_and_materials_are_linear(tmp_path: Path) -> None:
+    """As glTF defines them; the value 0.5 of sRGB is 0.2140 of the light."""
+    ball = trimesh.creation.icosphere(subdivisions=1)
+    ball.visual = trimesh.visual.TextureVisuals(material=PBRMaterial(baseColorFactor=[0.5, 1.0, 0.0, 1.0]))
+    ball.export(tmp_path / "factor.glb")
+    skin = skin_of(read_mesh(tmp_path / "factor.glb"), read_mesh(tmp_path / "factor.glb").mesh)["skin"]
+    np.testing.assert_allclose(skin, np.tile([0.7354, 1.0, 0.0], (len(ball.vertices), 1)), atol=2e-3)
+    half = np.full((len(ball.vertices), 3), 0.5)
+    write_triangles(ball.vertices, ball.faces, tmp_path / "half.glb", {"color": half})
+    file = read_mesh(tmp_path / "half.glb")
+    np.testing.assert_allclose(file.mesh.vertex_attributes["color"], 0.2140, atol=1e-4)
+    np.testing.assert_allclose(skin_of(file, file.mesh)["skin"], half, atol=1e-6)
+    file.write(tmp_path / "half.obj")
+    np.testing.assert_allclose(read_mesh(tmp_path / "half.obj").mesh.vertex_attributes["color"], half, atol=1e-6)

@@ -45,8 +45,7 @@ def test_filled_files_close_in_every_format(tmp_path: Path, source: str, target:
     if target != ".stl":
         # corner by corner: the patch of a GLB file has its own copies of the rim's vertices
         assert np.allclose(back.mesh.vertices[back.mesh.faces], closed.mesh.vertices[closed.mesh.faces], atol=1e-7)
-        ours = closed.mesh.vertex_attributes["color"][closed.mesh.faces] / closed.contents.color_scale
-        theirs = back.mesh.vertex_attributes["color"][back.mesh.faces] / back.contents.color_scale
+        ours, theirs = closed.contents.srgb[closed.mesh.faces], back.contents.srgb[back.mesh.faces]
         assert np.abs(ours - theirs).max() <= 0.5 / 255 + 1e-7
 
 

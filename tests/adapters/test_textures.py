@@ -1,21 +1,27 @@
 """Materials and textures are carried along, and names in strangers' files lead nowhere else."""
 
+import importlib.util
 import io
 import os
+import re
 import shutil
 import struct
+import warnings
 import zlib
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
 
 from spinor_geom import fill_hole, read_mesh
-from spinor_geom.adapters import MeshFile, textures
+from spinor_geom.adapters import MeshFile, textures, to_mesh
 from spinor_geom.cli.main import main
+from spinor_geom.errors import HiddenTextureWarning, MeshFileError
 from spinor_geom.mesh.find_loops import find_boundary_loops
+from spinor_geom.render.fill_scene import skin_of
 
 CUBE = (
     "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 1\nv 1 0 1\nv 1 1 1\nv 0 1 1\n"
@@ -224,6 +230,62 @@ def test_no_image_and_images_that_would_fill_the_memory_are_not_shown() -> None:
         image.new("1", (10_000, 9_500)).save(file, "png")
         huge = file.getvalue()
     assert len(huge) < 100_000
-    shown = [textures.Texture(data=data, name="a.png").pixels(2) for data in (b"no image", huge, png())]
-    assert shown[:2] == [None, None]
-    assert shown[2].shape == (1, 1, 3)
+    for data in (b"no image", huge):
+        with pytest.raises(MeshFileError, match=r"'a.png' is damaged, too large"):
+            textures.Texture(data=data, name="a.png").pixels(2)
+    assert textures.Texture(data=png(), name="a.png").pixels(2).shape == (1, 1, 3)
+
+
+@pytest.mark.parametrize(
+    ("image", "library", "told"),
+    [
+        (b"no image", "map_Kd skin.png", "'skin.png' is damaged"),
+        (None, "map_Kd skin.png", "'skin.png', which the file refers to, was not copied: it cannot be read"),
+        (png(), "map_Kd skin.png\nnewmtl other\nmap_Kd skin.jpg", "only a single texture|skin.jpg"),
+    ],
+)
+def test_a_texture_that_is_not_shown_is_told(
+    image: bytes | None, library: str, told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "cube.obj").write_text(f"mtllib skin.mtl\n{CUBE}")
+    (tmp_path / "skin.mtl").write_text(f"newmtl skin\n{library}\n")
+    if image is not None:
+        (tmp_path / "skin.png").write_bytes(image)
+    file = read_mesh(tmp_path / "cube.obj")
+    with pytest.warns(HiddenTextureWarning, match=told):
+        assert skin_of(file, file.mesh) == {}
+    with warnings.catch_warnings():
+        warnings.resetwarnings()  # the command shows warnings; they are errors in tests
+        assert main(["loops", str(tmp_path / "cube.obj"), "--html", str(tmp_path / "loops.html")]) == 0
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("spinor-geom: the texture is not shown: ")
+
+
+def colours_of(skin: dict[str, Any]) -> np.ndarray:
+    """The colours at the corners of the first two triangles, of the nearest pixel."""
+    height, width, _ = skin["image"].shape
+    x, y = skin["skin"][:6].T
+    return skin["image"][np.rint((1 - y) * (height - 1)).astype(int), np.rint(x * (width - 1)).astype(int)]
+
+
+def test_textures_of_objects_are_shown_as_those_of_files(tmp_path: Path) -> None:
+    image = pytest.importorskip("PIL.Image")
+    pixels = np.random.default_rng(3).integers(0, 256, (9, 9, 3), dtype=np.uint8)
+    (tmp_path / "skin.mtl").write_text("newmtl skin\nmap_Kd skin.png\n")
+    image.fromarray(pixels).save(tmp_path / "skin.png")
+    source = tmp_path / "cube.obj"
+    triangles = re.sub(r"f (\S+) (\S+) (\S+) (\S+)", r"f \1 \2 \3\nf \1 \3 \4", CUBE)
+    source.write_text(f"mtllib skin.mtl\n{triangles}")
+    wanted = colours_of(skin_of(read_mesh(source), read_mesh(source).mesh))
+    assert np.ptp(wanted, axis=0).min() > 0
+    read = trimesh.load_mesh(source, process=False)
+    objects = [read, trimesh.Scene(read), read_mesh(tmp_path / "cube.obj")]
+    if importlib.util.find_spec("open3d") is not None:
+        from open3d import io as open3d_io
+
+        (tmp_path / "simple.obj").write_text(source.read_text().replace(" .", " 0."))  # Open3D reads no ".2"
+        objects.append(open3d_io.read_triangle_mesh(str(tmp_path / "simple.obj")))
+    for given in objects:
+        np.testing.assert_array_equal(colours_of(skin_of(given, to_mesh(given))), wanted)
+        filled, report = fill_hole(given, return_report=True)
+        np.testing.assert_array_equal(colours_of(skin_of(filled, report.original)), wanted)
