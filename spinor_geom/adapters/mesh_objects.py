@@ -50,7 +50,8 @@ class Open3DAdapter:
         from PIL import Image
 
         _, kept = closed_along_seams(self._triangles(obj))
-        return pixels_of(Image.fromarray(images[0][::-1]), largest), np.asarray(obj.triangle_uvs).reshape(-1, 3, 2)[kept]
+        coordinates = np.asarray(obj.triangle_uvs).reshape(-1, 3, 2)[kept]
+        return pixels_of(Image.fromarray(images[0][::-1]), largest), coordinates
 
     def extend(self, obj: Any, extension: MeshExtension) -> Any:
         """A new mesh with the extension appended; textures are copied.
