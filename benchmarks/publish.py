@@ -1,143 +1,258 @@
-"""Publishes a run of `spinor-geom bench` in this folder: CSV files, the tables in README.md, and the picture.
+"""Measures and writes the figures of `README.md`, `docs/benchmark.md` and this folder, in about 25 minutes.
 
-`python benchmarks/publish.py RUN` takes the folder of a run; its records replace those of the same suite, case, method
-and number of points. Without a run only the tables are written again, from the CSV files.
+`python benchmarks/publish.py RUN` measures into the folder RUN, where a stopped command continues. The records become
+the CSV files here and the tables and plots between the markers of the three pages.
 """
 
 import argparse
-import ast
-import csv
 import tempfile
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
+from statistics import median
+from typing import Any
 
 import numpy as np
 from PIL import Image
 
-from spinor_geom.bench.cases import known_kind
-from spinor_geom.bench.machine import Record, is_older
+from spinor_geom.bench.cases import KNOWN, SAMPLED, known_kind
+from spinor_geom.bench.fillers import FILLERS, OURS, SMOOTH, SMOOTHEST
+from spinor_geom.bench.frames import FRAME_METHODS
+from spinor_geom.bench.machine import Record
 from spinor_geom.bench.measured import DISTANCE
-from spinor_geom.bench.promises import LEAST_POINTS, Promise, promises
-from spinor_geom.bench.run_tables import LOCAL, csv_text, filler_table, method_name, pieces_of, scale_of
-from spinor_geom.bench.runner import PICTURED, SUITES, VIEWS, read_records
-from spinor_geom.files import atomic_path, write_text
+from spinor_geom.bench.plots import plots
+from spinor_geom.bench.promises import REFERENCE_CASE, Promise, promises
+from spinor_geom.bench.run_tables import csv_text, filler_table, pieces_of, scale_of, summary_table
+from spinor_geom.bench.runner import PICTURED, SUITES, VIEWS, Run, Settings, measure
+from spinor_geom.files import atomic_path, together, write_text
 from spinor_geom.render.portrait import Portrait
 from spinor_geom.render.tables import Table
 
-HERE = Path(__file__).parent
-README, PICTURE = HERE / "README.md", HERE.parent / "docs" / "cut-outs.png"
-BEGIN, END = "<!-- tables: begin (written by publish.py) -->", "<!-- tables: end -->"
+ROOT = Path(__file__).parents[1]
 POINTS = 64  # of the loops in the table of disks
-ADVISED = ("squiggle", "fin", "facing-triangles")  # odd rims for which docs/choosing.md recommends a filler
-LEFT_OUT = ("message", "expected", *LOCAL)  # fields that are too long for a table, or of this machine
+LEFT_OUT = ("message", "expected")  # fields that are too long for a table
+SLOW = ("meshlab-close-refined", "meshlab-close-smoothed")  # have ten seconds for each hole
+CAPS = ("icosphere-4-0.85", "icosphere-4-0.7", "icosphere-4-0.3", "icosphere-4-0")
+# each tool of the table in the README, with options for minimal and for smooth patches
+TOOLS: Mapping[str, tuple[str, str]] = {
+    "spinor_geom": (OURS, SMOOTH),
+    "MeshLib": ("meshlib-nicely", "meshlib-nicely"),
+    "CGAL": ("cgal-fair", "cgal-fair-2"),
+    "MeshLab": ("meshlab-close-refined", "meshlab-close-smoothed"),
+    "PyMeshFix": ("pymeshfix", "pymeshfix-refined"),
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Publishes a run, or writes the tables only."""
+    """Measures what the folder lacks, and writes the figures."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("run", nargs="?", type=Path, metavar="RUN", help="folder of a run")
-    run = parser.parse_args(arguments).run
-    if run is not None:
-        publish(read_records(run))
-        if folders := [run / VIEWS / case for case in PICTURED if (run / VIEWS / case).is_dir()]:
-            draw(folders)
-    before, rest = README.read_text(encoding="utf-8").split(BEGIN)
-    text = "\n\n".join(table.markdown() for table in page_tables([r for suite in SUITES for r in read(suite)]))
-    write_text(README, f"{before}{BEGIN}\n\n{text}\n\n{END}{rest.split(END)[1]}")
+    parser.add_argument("run", type=Path, metavar="RUN", help="folder of the run")
+    parser.add_argument("--data", type=Path, default=ROOT / "data", metavar="FOLDER", help="mesh files (default: data)")
+    options = parser.parse_args(arguments)
+    write(measured(options.run, settings(options.data)))
 
 
-def publish(records: Sequence[Record]) -> None:
-    """Adds records to the CSV of their suites, with four digits."""
-    for suite in dict.fromkeys(r["suite"] for r in records):
-        whole = {key(r): r for r in read(suite)}
-        for record in records:
-            if record["suite"] == suite and is_used(record):
-                kept = {name: value for name, value in record.items() if name not in LEFT_OUT}
-                short = {name: float(f"{v:.4g}") if isinstance(v, float) else v for name, v in kept.items()}
-                short["case"] = record["case"].rpartition("/")[2]
-                whole[key(short)] = short
-        write_text(HERE / f"{suite}.csv", csv_text(list(whole.values())))
+def settings(data: Path) -> list[Settings]:
+    """What is measured: all suites, with fewer points and tools where the pages need no more."""
+    smooth = (*(name for name in KNOWN if known_kind(name) == "smooth"), *SAMPLED)
+    common: dict[str, Any] = {"data": data, "repeat": 1, "time_limit": 30.0}
+    compared = tuple(dict.fromkeys(method for methods in TOOLS.values() for method in methods if method not in SLOW))
+
+    def part(suite: str, **more: Any) -> Settings:
+        return Settings(suites=(suite,), **{**common, **more})
+
+    return [
+        part("disks", cases=smooth, methods=("spinor", "libigl", "libigl-uniform")),
+        part("disks", cases=tuple(name for name in KNOWN if name not in smooth), methods=("spinor",), points=(POINTS,)),
+        part("fills", cases=(REFERENCE_CASE,), methods=tuple(method for method in FILLERS if method not in SLOW)),
+        part("fills", cases=tuple(KNOWN), methods=compared, hole_points=(POINTS,)),
+        part("fills", cases=(REFERENCE_CASE,), methods=SLOW, time_limit=10.0),
+        *(part(suite, methods=compared) for suite in ("odd", "ragged", "reports", "meshes")),
+        part("cut-outs", methods=tuple(method for method in SMOOTHEST if method not in SLOW)),
+        part("cut-outs", methods=SLOW[1:], time_limit=10.0),
+        part("cad"),
+    ]
 
 
-def is_used(record: Record) -> bool:
-    """Whether a table here, a promise or a statement in the documentation uses a record."""
-    ours, suite = "spinor" in record["method"], record["suite"]
-    if record["status"] == "missing":
-        return False
-    if suite == "disks":
-        compared = "libigl" in record["method"] and known_kind(record["case"]) == "smooth"
-        return record["n"] >= LEAST_POINTS and (ours or compared)
-    if suite == "odd":
-        return ours or record["case"] in ADVISED or record.get("area_error") is not None
-    return ours or suite not in ("ragged", "meshes")
+def measured(folder: Path, parts: Sequence[Settings]) -> Run:
+    """One run of several parts, which are measured unless the folder has them."""
+
+    def show(record: Record, done: int, total: int) -> None:
+        print(f"{done}/{total} {record['suite']} {record['method']} {Path(record['case']).name}", flush=True)
+
+    runs = [measure(part, folder, on_record=show) for part in parts]
+    records = {r["key"]: r for run in runs for r in run.records}  # parts may overlap
+    return Run(folder=folder, description=runs[-1].description, records=list(records.values()))
 
 
-def key(record: Record) -> tuple[object, ...]:
-    """The identifier of a measurement, equal for records that replace each other."""
-    return tuple(record.get(name) for name in ("suite", "case", "method", "n"))
+def write(run: Run) -> None:
+    """Writes CSV files, plots, picture and the pages' tables, all or none."""
+    records = [{**r, "case": Path(r["case"]).name} for r in run.records if r["status"] != "missing"]
+    about, drawn, place = source(records, run.description["machine"]), plots(records), ROOT / "docs" / "bench"
+    of = {suite: [r for r in records if r["suite"] == suite] for suite in SUITES}
+    page = [summary_table(records), *promise_tables(of), disk_table(of["disks"]), filler_table(of["cut-outs"])]
+    pictured = [run.folder / VIEWS / case for case in PICTURED if (run.folder / VIEWS / case).is_dir()]
+    picture = drawing(pictured) if pictured else None
+    place.mkdir(exist_ok=True)
+    with together():
+        for suite, here in of.items():
+            write_text(ROOT / "benchmarks" / f"{suite}.csv", csv_text([short(r) for r in here]))
+        for plot in drawn:
+            with atomic_path(place / f"{plot.name}.png") as path:
+                path.write_bytes(plot.png())
+        if picture is not None:
+            with atomic_path(ROOT / "docs" / "cut-outs.png") as path:
+                picture.save(path, format="PNG", optimize=True)
+        put("README.md", comparison=[readme_table(records).markdown(), about])
+        put(
+            "docs/benchmark.md",
+            plots=[about, *(plot.markdown("bench") for plot in drawn)],
+            areas=[area_table(records).markdown(), about],
+            frames=[frame_table(of["cad"]).markdown(), about],
+        )
+        put("benchmarks/README.md", tables=[about, *(table.markdown() for table in page)])
 
 
-def read(suite: str) -> list[Record]:
-    """The published records of a suite, without the fields of empty cells."""
-    path = HERE / f"{suite}.csv"
-    if not path.exists():
-        return []
-    with open(path, encoding="utf-8", newline="") as file:
-        return [{name: _value(text) for name, text in row.items() if text} for row in csv.DictReader(file)]
+def put(page: str, **blocks: Sequence[str]) -> None:
+    """Replaces the texts between the markers of a page."""
+    text = (ROOT / page).read_text(encoding="utf-8")
+    for name, parts in blocks.items():
+        begin, end = (f"<!-- {name}: {edge} (benchmarks/publish.py) -->" for edge in ("begin", "end"))
+        before, rest = text.split(begin)
+        text = "\n\n".join([before + begin, *parts, end]) + rest.split(end)[1]
+    write_text(ROOT / page, text)
 
 
-def _value(text: str) -> object:
-    """A cell as a number or boolean if it is one, else as text."""
-    try:
-        return ast.literal_eval(text)
-    except (ValueError, SyntaxError):
-        return text
+def short(record: Record) -> Record:
+    """A record with four digits and without long texts."""
+    return {k: float(f"{v:.4g}") if isinstance(v, float) else v for k, v in record.items() if k not in LEFT_OUT}
 
 
-def page_tables(records: Sequence[Record]) -> list[Table]:
-    """The tables in `README.md`."""
-    found = promises(records)
+def source(records: Sequence[Record], machine: Mapping[str, Any]) -> str:
+    """The commit, the date and the machine of the records, in a sentence."""
+    commits = ", ".join(dict.fromkeys(str(r["commit"]).rpartition("+g")[2] for r in records))
+    dates, loads = (
+        " to ".join(dict.fromkeys((str(min(values)), str(max(values)))))
+        for values in ([r["date"] for r in records], [r["load"] for r in records])
+    )
+    here = f"{machine['processor']}, {machine['cores']} cores, one thread, load {loads}, Python {machine['python']}"
+    return f"Measured at commit {commits}, {dates}, on {here}."
+
+
+def readme_table(records: Sequence[Record]) -> Table:
+    """A column for each tool, a row for each figure."""
+    done = [r for r in records if r["status"] == "done"]
+    cut_outs, meshes = ([r for r in done if r["suite"] == suite] for suite in ("cut-outs", "meshes"))
+    disks = [r for r in cut_outs if r["kind"] == "scan"]
+
+    def row(text: str, smooth: bool, figure: Callable[[str], str]) -> tuple[str, ...]:
+        return text, *(figure(methods[smooth]) for methods in TOOLS.values())
+
+    def middle(here: Sequence[Record], field: str) -> Callable[[str], str]:
+        return lambda m: _figure([r[field] for r in here if r["method"] == m and r.get(field) is not None])
+
+    def seconds(method: str) -> str:
+        at = {n: _figure([r["seconds"] for r in _rim(done, method, n)]) for n in (64, 1000)}
+        return f"{at[64]} ({at[1000]})"
+
+    whole = "seconds, {} {} (median)"
+    return Table(
+        columns=("", *TOOLS),
+        rows=[
+            row("smooth rim of 64 points: error of the patch's area", False, lambda m: _excess(_rim(done, m, 64))),
+            row("cap of the unit sphere above z = 0.3, C1: RMS distance", True, lambda m: _cap(cut_outs, m, CAPS[2])),
+            row(f"{_count(disks)} disks cut out of scans, C1: median distance", True, middle(disks, "distance")),
+            row("seconds, smooth rim of 64 (1,000) points", False, seconds),
+            row(whole.format(_count(cut_outs), "cut-outs, C1"), True, middle(cut_outs, "seconds")),
+            row(whole.format(_count(meshes), "whole meshes"), False, middle(meshes, "seconds")),
+        ],
+    )
+
+
+def area_table(records: Sequence[Record]) -> Table:
+    """Areas, seconds and distances of caps for each filler."""
+    done = [r for r in records if r["status"] == "done"]
+    cut_outs, sizes = [r for r in done if r["suite"] == "cut-outs"], (64, 256, 1000)
+    rows = []
+    for method in FILLERS:
+        rims = [_rim(done, method, n) for n in sizes]
+        caps = [_cap(cut_outs, method, cap) for cap in CAPS]
+        if any(rims) or any(cap != "–" for cap in caps):
+            seconds = ", ".join(_figure([r["seconds"] for r in rim]) for rim in rims)
+            rows.append((method, ", ".join(map(_excess, rims)), seconds, ", ".join(caps)))
+    return Table(
+        columns=("filler", "area compared with the exact one", "seconds", "distance from the sphere"), rows=rows
+    )
+
+
+def frame_table(cad: Sequence[Record]) -> Table:
+    """Shells over CAD edges: ours, and Open CASCADE's filling with default and with finer settings."""
+    of = {(r["case"], r["method"]): r for r in cad if r["status"] == "done"}
+    rows = []
+    for case in dict.fromkeys(case for case, _ in of):
+        here = [of.get((case, method), {}) for method in FRAME_METHODS]
+        names = ("area_error", "rim_distance", "faces", "file_kib", "cpu_seconds")
+        rows.append((f"`{case}`", *(_numbers(here, name) for name in names)))
+    columns = (
+        "frame",
+        "area error",
+        "distance of the rim per diameter",
+        "faces",
+        "STEP file in KiB",
+        "processor seconds",
+    )
+    return Table(columns=columns, rows=rows)
+
+
+def promise_tables(of: Mapping[str, Sequence[Record]]) -> Iterator[Table]:
+    """The numbers of records and of promises that are kept, and the promises of accuracy that are missed."""
+    found = promises([r for here in of.values() for r in here])
+    kept = [
+        [_kept([f for f in found if f.suite == suite and f.kind == kind]) for kind in ("accuracy", "time")]
+        for suite in of
+    ]
+    rows = [(f"[{suite}]({suite}.csv)", str(len(of[suite])), *numbers) for suite, numbers in zip(of, kept, strict=True)]
+    yield Table(title="Suites", columns=("suite", "measured", "promises kept", "promises of time kept"), rows=rows)
     missed: dict[tuple[str, str], list[Promise]] = defaultdict(list)
     for figure in found:
         if not figure.met and figure.kind == "accuracy":
             missed[figure.suite, figure.text].append(figure)
-    rows = [
+    columns = ("suite", "case", "promise", "measured")
+    texts = [
         (suite, ", ".join(f.case for f in of_text), text, " / ".join(f.measured for f in of_text))
         for (suite, text), of_text in missed.items()
     ]
-    return [
-        Table(
-            title="Suites",
-            columns=("suite", "measured", "commits", "dates", "loads", "older", "promises kept", "times kept"),
-            rows=[suite_row(suite, records, found) for suite in SUITES],
-            note="Older: measurements of our methods whose code has changed since their commit; marked † below.",
-        ),
-        Table(title="Promises missed", columns=("suite", "case", "promise", "measured"), rows=rows),
-        disk_table([r for r in records if r["suite"] == "disks"]),
-        filler_table([r for r in records if r["suite"] == "cut-outs"]),
-    ]
+    yield Table(title="Promises missed", columns=columns, rows=texts)
 
 
-def suite_row(suite: str, records: Sequence[Record], found: Sequence[Promise]) -> tuple[str, ...]:
-    """The number of records, their dates and loads, and the numbers of promises that are kept."""
-    here = [r for r in records if r["suite"] == suite]
-    commits = dict.fromkeys(str(r["commit"]).rpartition("+g")[2] for r in here)
-    loads = [r["load"] for r in here if r.get("load") is not None]
-    kept = []
-    for kind in ("accuracy", "time"):
-        met = [f.met for f in found if f.suite == suite and f.kind == kind]
-        kept.append(f"{sum(met)} of {len(met)}" if met else "")
-    dates = _range([str(r["date"]) for r in here])
-    older = str(sum(map(is_older, here)))
-    return (f"[{suite}]({suite}.csv)", str(len(here)), ", ".join(commits), dates, _range(loads), older, *kept)
+def _kept(found: Sequence[Promise]) -> str:
+    return f"{sum(figure.met for figure in found)} of {len(found)}" if found else ""
 
 
-def _range(values: Sequence[str] | Sequence[float]) -> str:
-    """The least and the largest value."""
-    if not values:
-        return "not kept"
-    return " to ".join(dict.fromkeys(v if isinstance(v, str) else f"{v:g}" for v in (min(values), max(values))))
+def _rim(done: Sequence[Record], method: str, n: int) -> list[Record]:
+    """The fill of the reference's rim with n points, if the filler closes it."""
+    found = [r for r in done if (r["suite"], r["case"], r["method"], r["n"]) == ("fills", REFERENCE_CASE, method, n)]
+    return [r for r in found if not r["open_rim_edges"]]
+
+
+def _excess(rim: Sequence[Record]) -> str:
+    if not rim:
+        return "–"
+    percent = 100 * rim[0]["area_excess"]
+    return f"{percent:{'+.0f' if abs(percent) >= 10 else '+.2g'}} %".replace("-", "−")
+
+
+def _cap(cut_outs: Sequence[Record], method: str, cap: str) -> str:
+    """RMS distance of the new vertices, or of the triangles without new vertices, from the unit sphere."""
+    return _figure([r["distance"] * r["diameter"] for r in cut_outs if (r["case"], r["method"]) == (cap, method)])
+
+
+def _figure(values: Sequence[float]) -> str:
+    return f"{median(values):.2g}" if values else "–"
+
+
+def _count(records: Sequence[Record]) -> int:
+    return len({r["case"] for r in records})
 
 
 def disk_table(disks: Sequence[Record]) -> Table:
@@ -152,7 +267,7 @@ def disk_table(disks: Sequence[Record]) -> Table:
         surface = [_numbers(samplings, name) for name in ("area_error", "limit_error", "surface_distance_max")]
         names = ("triangles", "mesh_area_error", "distance_max", "curvature_rms", "seconds")
         meshes = [_numbers((mine, other), name) for name in names]
-        rows.append((f"{case}{method_name(mine).removeprefix(method)}", *surface, *meshes))
+        rows.append((case, *surface, *meshes))
     meshed = ("triangles", "mesh area error", "distance max", "curvature rms", "seconds")
     return Table(
         title=f"Disks over smooth curves of {POINTS} points",
@@ -169,8 +284,8 @@ def _numbers(records: Sequence[Record], name: str) -> str:
     return " / ".join("–" if v is None else f"{v:.2g}" if isinstance(v, float) else str(v) for v in values)
 
 
-def draw(folders: Sequence[Path]) -> None:
-    """Draws a row for each cut-out: the removed piece and the patches, coloured by distance (yellow: far)."""
+def drawing(folders: Sequence[Path]) -> Image.Image:
+    """A row for each cut-out: the removed piece and the patches, coloured by distance (yellow: far)."""
     side, strips = 220, []
     with tempfile.TemporaryDirectory() as place:
         for folder in folders:
@@ -188,8 +303,7 @@ def draw(folders: Sequence[Path]) -> None:
     whole = Image.new("RGB", (max(strip.width for strip in strips), side * len(strips)), "white")
     for k, strip in enumerate(strips):
         whole.paste(strip, (0, side * k))
-    with atomic_path(PICTURE) as temporary:
-        whole.quantize(128).save(temporary, format="PNG", optimize=True)
+    return whole.quantize(128)
 
 
 if __name__ == "__main__":

@@ -1,13 +1,10 @@
-"""The machine, versions, commit, date and load of a measurement, and whether the code has changed since."""
+"""The machine, versions, commit, date and load of a measurement."""
 
 import importlib.metadata
 import os
 import platform
-import re
-import subprocess
 from collections.abc import Mapping
 from datetime import date
-from functools import cache
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -20,11 +17,6 @@ _PACKAGES = (
     *("numpy", "scipy", "torch", "libigl", "pythoncdt", "trimesh", "pymeshlab", "meshlib", "pymeshfix", "cgal", "vtk"),
     *("open3d-cpu", "cadquery-ocp", "cadquery-ocp-novtk"),
 )
-# the parts of the package whose changes make records of our methods out of date
-_MEASURED = (
-    *("discrete", "domain", "fill", "holomorphic", "measures*", "mesh", "meshing", "nurbs", "plateau", "surface"),
-)
-_ROOT = Path(__file__).parents[2]
 
 
 def stamp() -> dict[str, Any]:
@@ -35,24 +27,6 @@ def stamp() -> dict[str, Any]:
 
 def _load() -> float | None:
     return os.getloadavg()[0] if hasattr(os, "getloadavg") else None
-
-
-def is_older(record: Mapping[str, Any]) -> bool:
-    """Whether a record is of our methods and their code has changed since; true if git cannot compare it."""
-    return "spinor" in record["method"] and _changed_since(record["commit"])
-
-
-@cache
-def _changed_since(version: str) -> bool:
-    if version == program_version():
-        return False
-    commit = re.search(r"g([0-9a-f]{7,})$", version)
-    command = ["git", "-C", str(_ROOT), "diff", "--quiet", commit[1] if commit else version, "--"]
-    command += [f"spinor_geom/{name}" for name in _MEASURED]
-    try:
-        return subprocess.run(command, capture_output=True).returncode != 0
-    except OSError:  # git is not installed
-        return True
 
 
 def machine() -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""The files of a run: CSV, Markdown, and a page that shows the same tables and the pictured cut-outs."""
+"""The files of a run: CSV, Markdown, and a page with plots, the same tables and the pictured cut-outs."""
 
 import csv
 import html
@@ -8,12 +8,14 @@ from functools import partial
 from pathlib import Path
 from statistics import median
 from textwrap import shorten
+from typing import Any
 
 import numpy as np
 
 from spinor_geom.bench.fillers import FILLERS, SMOOTH
-from spinor_geom.bench.machine import Record, is_older, machine_text
+from spinor_geom.bench.machine import Record, machine_text
 from spinor_geom.bench.measured import DISTANCE, REMOVED
+from spinor_geom.bench.plots import plots
 from spinor_geom.bench.promises import Promise, bend_ratios, crossings, is_whole, names, promises
 from spinor_geom.bench.runner import METHODS, VIEWS, Run
 from spinor_geom.files import together, write_text
@@ -23,7 +25,6 @@ from spinor_geom.render.tables import Table
 
 PAGE, TABLES, CSV = "report.html", "tables.md", "records.csv"
 LOCAL = ("key", "data", "view", "repeat", "output", "seconds_all")  # fields that the CSV leaves out
-OLDER = "†"  # marks a row of ours whose code has changed since
 _GAP = 1.15  # distance between the pieces of a view, per width
 _FIELDS = (
     *("n", "seconds", "memory_mib", "closed", "area_error", "limit_error", "area_excess", "surface_distance_max"),
@@ -37,12 +38,12 @@ _short = partial(shorten, width=160, placeholder="…")
 
 def write(run: Run) -> None:
     """Writes the files of a run into its folder, all or none."""
-    shown = [*tables(run.records), option_table()]
-    text = "\n\n".join([machine_text(run.description["machine"]), *(table.markdown() for table in shown)])
+    shown = [*tables(run.records), option_table(), promise_table(promises(run.records))]
+    text = "\n\n".join([machine_text(run.description["machine"]), *(table.markdown() for table in shown if table.rows)])
     with together():
         write_text(run.folder / TABLES, text + "\n")
         write_text(run.folder / CSV, csv_text(run.records))
-        write_text(run.folder / PAGE, page_text(run, shown))
+        write_text(run.folder / PAGE, page_text(run))
 
 
 def csv_text(records: Sequence[Record]) -> str:
@@ -56,23 +57,27 @@ def csv_text(records: Sequence[Record]) -> str:
     return buffer.getvalue()
 
 
-def page_text(run: Run, shown: Sequence[Table]) -> str:
-    """The page: the first table, the pictured cut-outs, the other tables."""
+def page_text(run: Run) -> str:
+    """The page: plots, a row for each tool, the pictured cut-outs, all figures; the promises are folded."""
     views, figures = Views(), []
     for case in sorted(path for path in (run.folder / VIEWS).glob("*") if path.is_dir()):
         pieces = pieces_of(case)
         view = Scene(title="", layers=[*pieces.values()], scales={DISTANCE: scale_of(pieces)}, shape="wide")
         figures.append(f"<h3>{case.name}</h3><p>From left to right: {', '.join(pieces)}.</p>{views.figure(view)}")
+    summary, *others = tables(run.records)
+    promised = promise_table(promises(run.records))
     body = [
         "<h1>Exact and discrete minimal surfaces, and hole fillers</h1>",
         f"<p>{'Quick' if run.description['settings']['quick'] else 'Full'} run, {len(run.records)} records. "
         f"{html.escape(machine_text(run.description['machine']))}</p>",
         "<p>Areas and distances are measured against exact formulas; the definition of every column is in "
-        "<code>docs/benchmark.md</code>. A row in red misses a promise, or leaves edges open without reporting it.</p>",
-        *(table.html() for table in shown[:1]),
+        "<code>docs/benchmark.md</code>.</p>",
+        *(plot.html() for plot in plots(run.records)),
+        summary.html(),
         *(["<h2>Cut-outs</h2><p>Drag to turn, wheel to zoom.</p>", *figures] if figures else []),
-        "<h2>Figures</h2>",
-        *(table.html() for table in shown[1:]),
+        "<h2>Figures</h2><p>A row in red leaves edges open without reporting it.</p>",
+        *(table.html() for table in (*others, option_table())),
+        f"<h2>Promises</h2><details><summary>{html.escape(promised.note)}</summary>{promised.html()}</details>",
         *([views.script()] if figures else []),
     ]
     return document("spinor-geom bench", body)
@@ -108,12 +113,53 @@ def scale_of(pieces: Mapping[str, Faces]) -> Scale:
 
 
 def tables(records: Sequence[Record]) -> list[Table]:
-    """All tables of a run that have rows, the promises first."""
+    """The tables of a run that have rows, the summary first."""
     of = {suite: [r for r in records if r["suite"] == suite] for suite in names(records, "suite")}
     odd, cut_outs = ([r for r in of.pop(suite, []) if r["status"] != "missing"] for suite in ("odd", "cut-outs"))
     suites = (suite_table(suite, here) for suite, here in of.items())
-    every = (promise_table(promises(records)), odd_table(odd), filler_table(cut_outs), *suites, trouble_table(records))
-    return [table for table in every if table.rows]
+    every = (odd_table(odd), filler_table(cut_outs), *suites, trouble_table(records))
+    return [summary_table(records), *(table for table in every if table.rows)]
+
+
+def summary_table(records: Sequence[Record]) -> Table:
+    """One row for each method: what it was measured on, and medians."""
+    rows = []
+    for method in names(records, "method"):
+        here = [r for r in records if r["method"] == method]
+        done = [r for r in here if r["status"] == "done"]
+        holes = [r for r in done if "open_rim_edges" in r]
+        of_suite = {suite: [r for r in done if r["suite"] == suite] for suite in names(records, "suite")}
+
+        def middle(suite: str, field: str, form: str = ".3g", of_suite: Any = of_suite) -> str:
+            return _median([r[field] for r in of_suite.get(suite, []) if r.get(field) is not None], form)
+
+        rows.append(
+            (
+                method,
+                f"{len(done)} of {len(here)}",
+                _count([not r["open_rim_edges"] + r["new_open_edges"] for r in holes]),
+                _count([bool(r["old_faces_kept"]) for r in holes]),
+                _count([crossings(r) > 0 for r in holes]),
+                middle("disks", "area_error"),
+                middle("fills", "area_error"),
+                middle("cut-outs", "distance"),
+                *(middle(suite, "seconds") for suite in ("disks", "fills", "cut-outs", "meshes")),
+                format(max((r["memory_mib"] or 0 for r in done), default=0), ".0f"),
+            )
+        )
+    columns = ("method", "measured", "holes closed", "mesh kept", "crossing", "area error, disks", "area error, fills")
+    more = ("distance, cut-outs", *(f"seconds, {suite}" for suite in ("disks", "fills", "cut-outs", "meshes")))
+    return Table(
+        title="Methods",
+        columns=(*columns, *more, "memory, MiB"),
+        rows=rows,
+        note="Holes are those of all suites. Crossing: patches that intersect themselves or the mesh. Figures are "
+        "medians, memory is the largest.",
+    )
+
+
+def _count(met: Sequence[bool]) -> str:
+    return f"{sum(met)} of {len(met)}" if met else ""
 
 
 def suite_table(suite: str, records: Iterable[Record]) -> Table:
@@ -124,13 +170,8 @@ def suite_table(suite: str, records: Iterable[Record]) -> Table:
         closed = (left_open(record) or "yes") if "open_rim_edges" in record else None
         shown.append({**record, "closed": closed, "message": message})
     fields = [name for name in _FIELDS if any(record.get(name) not in (None, "") for record in shown)]
-    rows = [(Path(r["case"]).name, method_name(r), *(cell(r.get(name)) for name in fields)) for r in shown]
+    rows = [(Path(r["case"]).name, str(r["method"]), *(cell(r.get(name)) for name in fields)) for r in shown]
     return Table(title=f"Suite {suite}", columns=("case", "method", *(n.replace("_", " ") for n in fields)), rows=rows)
-
-
-def method_name(record: Record) -> str:
-    """The method, marked if its code has changed since."""
-    return f"{record['method']} {OLDER}" if is_older(record) else str(record["method"])
 
 
 def left_open(record: Record) -> str:
@@ -203,7 +244,7 @@ def filler_table(records: Sequence[Record]) -> Table:
             medians.append(f"**{_median(values, '.3g')}**" if best else _median(values, ".3g"))
         rows.append(
             (
-                method_name(here[0]),
+                method,
                 f"{len(mine)} of {len(here)}",
                 str(sum(crossings(r) > 0 for r in mine)),
                 str(sum(r["old_faces_kept"] for r in mine)),

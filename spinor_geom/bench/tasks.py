@@ -26,7 +26,7 @@ from spinor_geom.errors import SpinorGeomError
 from spinor_geom.isolate import serve
 from spinor_geom.mesh.boundary_loop import turning_angles
 
-_ENOUGH_SECONDS = 5.0  # in all, after which a call is not repeated
+_ENOUGH_SECONDS = 2.0  # in all, after which a call is not repeated
 
 
 def run(task: Task) -> Record:
@@ -102,7 +102,7 @@ _HOLES: Mapping[str, Callable[[Task], Hole]] = {
 
 
 def _timed(prepare: Callable[[], tuple[Callable[[], Any], Callable[[Any], Any]]], repeat: int) -> tuple[Record, Any]:
-    """Times a call, and up to `repeat` more until they take 5 s together; the first one counts only without others.
+    """Times a call, and up to `repeat` more until they take 2 s together; the first one counts only without others.
 
     Returns the figures, and the converted result of the last call.
     """

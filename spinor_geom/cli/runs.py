@@ -51,7 +51,8 @@ def _counts(now: BatchProgress) -> str:
 
 
 def _bench(arguments: argparse.Namespace) -> ExitStatus:
-    require("torch", extra="peers")
+    for package in ("matplotlib", "torch"):
+        require(package, extra="peers")
     from spinor_geom.bench.promises import promises
     from spinor_geom.bench.run_tables import PAGE, promise_table, trouble_table, write
     from spinor_geom.bench.runner import Settings, measure

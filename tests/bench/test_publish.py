@@ -1,65 +1,64 @@
-"""The page of figures and the CSV beside it: both contain the measurements of a run, and they agree."""
+"""The published figures: CSV files, plots and tables of a run, between the markers of the pages."""
 
 import csv
 import importlib
+import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from spinor_geom.bench import run_tables, runner
-from spinor_geom.bench.runner import Settings, measure
+from spinor_geom.bench import runner
+from spinor_geom.bench.runner import PICTURED, SUITES, chosen_tasks
 from tests.bench.test_run import in_this_process
 
-BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
+ROOT = Path(__file__).parents[2]
+PAGES = ("README.md", "docs/benchmark.md", "benchmarks/README.md")
 
 
 @pytest.fixture
 def publish(monkeypatch):
-    monkeypatch.syspath_prepend(BENCHMARKS)
+    monkeypatch.syspath_prepend(ROOT / "benchmarks")
     return importlib.import_module("publish")
 
 
-def test_a_run_becomes_csv_and_tables_and_replaces_an_earlier_one(publish, tmp_path, monkeypatch):
+def test_one_command_measures_and_writes_the_figures_of_all_pages(publish, tmp_path, monkeypatch):
     monkeypatch.setattr(runner, "run_isolated", in_this_process)
-    run = tmp_path / "run"
-    settings = Settings.short(suites=("disks", "odd"), cases=("enneper-0.8", "open-cone"), methods=("spinor", "cgal"))
-    run_tables.write(measure(settings, run))
-    readme = tmp_path / "README.md"
-    readme.write_text(f"before\n\n{publish.BEGIN}\nold\n{publish.END}\nafter\n", encoding="utf-8")
-    monkeypatch.setattr(publish, "HERE", tmp_path)
-    monkeypatch.setattr(publish, "README", readme)
-    for _ in range(2):
-        publish.main([str(run)])
-        text = readme.read_text(encoding="utf-8")
-        assert text.startswith(f"before\n\n{publish.BEGIN}\n\n### Suites")
-        assert text.endswith(f"{publish.END}\nafter\n")
-        assert "old\n" not in text
-        rows = list(csv.DictReader((tmp_path / "disks.csv").read_text(encoding="utf-8").splitlines()))
-        # loops of 32 points are not mentioned
-        assert [row["n"] for row in rows] == ["64"]
-    assert all(row["commit"] and row["date"] and float(row["load"]) >= 0 for row in rows)
-    assert float(rows[0]["area_error"]) < 1e-12
-    # no paths of this machine
-    assert str(tmp_path) not in text + (tmp_path / "disks.csv").read_text(encoding="utf-8")
-
-
-def test_records_are_read_back(publish, tmp_path, monkeypatch):
-    monkeypatch.setattr(publish, "HERE", tmp_path)
-    alike = {"suite": "fills", "case": "scherk", "n": 64, "kind": "corners"}
-    records = [
-        {**alike, "method": "cgal", "status": "done", "seconds": 0.5, "rim_kept": False},
-        {**alike, "method": "open3d", "status": "crashed", "reason": "signal 11, it died"},
-        {**alike, "method": "cgal", "status": "done", "seconds": 2.0, "rim_kept": True, "n": 256},
+    cases = {"disks": "enneper-0.8", "fills": "enneper-0.8", "cut-outs": PICTURED[0], "meshes": "demosthenes*"}
+    few = [
+        replace(
+            part, cases=(cases[part.suites[0]],), methods=("spinor", "spinor-fill"), points=(64,), hole_points=(64,)
+        )
+        for part in publish.settings(ROOT / "data")
+        if part.suites[0] in cases and {"spinor", "spinor-fill"} & set(part.methods)
     ]
-    (tmp_path / "fills.csv").write_text(publish.csv_text(records), encoding="utf-8")
-    assert publish.read("fills") == records
+    monkeypatch.setattr(publish, "settings", lambda data: [part for part in few if part.points == (64,)])
+    monkeypatch.setattr(publish, "ROOT", tmp_path)
+    for page in PAGES:
+        (tmp_path / page).parent.mkdir(exist_ok=True)
+        shutil.copy(ROOT / page, tmp_path / page)
+    for _ in range(2):  # the second time nothing is measured
+        publish.main([str(tmp_path / "run"), "--data", str(ROOT / "data")])
+    for page in PAGES:
+        text = (tmp_path / page).read_text(encoding="utf-8")
+        assert "Measured at commit" in text
+        assert str(ROOT) not in text
+        for name in ("area", "seconds", "meshes") if page == PAGES[1] else ():
+            assert f"(bench/{name}.png)" in text
+            assert (tmp_path / "docs" / "bench" / f"{name}.png").stat().st_size < 150_000
+    (row,) = csv.DictReader((tmp_path / "benchmarks" / "disks.csv").read_text(encoding="utf-8").splitlines())
+    assert float(row["area_error"]) < 1e-12
+    assert "error of the patch's area | −0.2" in (tmp_path / "README.md").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("suite", sorted(path.stem for path in BENCHMARKS.glob("*.csv")))
-def test_the_page_is_of_the_csv_beside_it(publish, suite):
-    records = publish.read(suite)
-    assert f"| [{suite}]({suite}.csv) | {len(records)} |" in publish.README.read_text(encoding="utf-8")
-    for record in records:
-        assert {"suite", "case", "method", "status", "commit", "date"} <= record.keys()
-        assert record["suite"] == suite
-    assert len({publish.key(record) for record in records}) == len(records)
+def test_all_suites_are_published_by_known_methods(publish):
+    parts = publish.settings(ROOT / "data")
+    assert {suite for part in parts for suite in part.suites} == set(SUITES)
+    assert all(chosen_tasks(part) for part in parts)
+
+
+def test_plots_of_the_pages_are_in_the_repository():
+    text = (ROOT / PAGES[1]).read_text(encoding="utf-8")
+    shown = {path.name for path in (ROOT / "docs" / "bench").glob("*.png") if f"(bench/{path.name})" in text}
+    assert shown == {path.name for path in (ROOT / "docs" / "bench").glob("*")}
+    assert text.count("(bench/") == len(shown)
