@@ -13,7 +13,7 @@ from spinor_geom.fill.fill_loop import fill_loop
 from spinor_geom.fill.fill_options import FillOptions, Islands
 from spinor_geom.fill.fill_result import LoopOutcome
 from spinor_geom.fill.no_holes import require_hole
-from spinor_geom.fill.patched_mesh import LoopPatch, PatchedMesh
+from spinor_geom.fill.patched_mesh import LoopPatch, PatchedMesh, overlapping
 from spinor_geom.fill.solved_loops import Solved, solved_loop
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.find_loops import Sheets
@@ -87,13 +87,17 @@ def find_islands(
     size = np.linalg.norm(boxes.sum(axis=0), axis=1)[own]
     lows, highs = (np.array([limit(loop.points, axis=0) for loop in loops]) for limit in (np.min, np.max))
     reach = np.linalg.norm(highs - lows, axis=1)[:, None]
+    # the enlarged boxes of the loops, those of the largest pieces first
+    order = np.argsort(-size, kind="stable")
+    larger = np.searchsorted(-size[order], -size, side="left")  # number of loops of larger pieces
+    around_lows, around_highs = (np.ascontiguousarray(box[order].T) for box in (lows - reach, highs + reach))
     found: dict[int, list[int]] = {}
     # loops come longest first
     for piece in np.unique(own, return_index=True)[1].tolist():
-        # loops whose enlarged boxes contain the centre of the piece's box
         centre = (lows[piece] + highs[piece]) / 2
-        boxes_around = ((lows - reach <= centre) & (centre <= highs + reach)).all(axis=1)
-        for hole in np.flatnonzero(boxes_around & (size > size[piece]))[::-1].tolist():
+        count = larger[piece]
+        holes = order[overlapping(around_lows[:, :count], around_highs[:, :count], centre, centre)]
+        for hole in np.sort(holes)[::-1].tolist():
             if lies_in(loops[piece], loops[hole]):
                 found.setdefault(hole, []).append(piece)
                 break

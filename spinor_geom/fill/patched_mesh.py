@@ -116,11 +116,13 @@ class PatchedMesh:
 
     def face_on(self, loop: BoundaryLoop) -> int | None:
         """The mesh face of which a loop is the outline, or None."""
-        if len(loop) != 3:
-            return None
-        faces = self.faces_at(loop.vertex_ids)
-        on_loop = faces[np.isin(self.mesh.faces[faces], loop.vertex_ids).all(axis=1)]
-        return int(on_loop[0]) if len(on_loop) else None
+        return self._faces_on_loops.get(tuple(sorted(loop.vertex_ids.tolist())))
+
+    @cached_property
+    def _faces_on_loops(self) -> dict[tuple[int, ...], int]:
+        """The lowest mesh face with each three corners that are on loops, by its sorted corners."""
+        faces = self._at_loops[(self._loops_at[self.mesh.faces[self._at_loops]] > 0).all(axis=1)][::-1]
+        return dict(zip(map(tuple, np.sort(self.mesh.faces[faces], axis=1).tolist()), faces.tolist(), strict=True))
 
     def taken_chords(self, patch: Patch, rim: Int[np.ndarray, " m"]) -> Int[np.ndarray, "c 2"]:
         """The chords of a patch that are edges of the mesh or of another patch already."""

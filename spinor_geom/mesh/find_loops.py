@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float, Int
 from spinor_geom.arrays import shifted
 from spinor_geom.errors import DuplicateVertexError, MeshError, NonManifoldEdgeError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners
-from spinor_geom.mesh.loop_frame import first_point
+from spinor_geom.mesh.loop_frame import first_points
 from spinor_geom.mesh.seams import find_overlaps
 from spinor_geom.mesh.spacing import edge_lengths
 from spinor_geom.mesh.topology import HalfEdges, referenced_vertices
@@ -35,7 +35,7 @@ def find_boundary_loops(mesh: TriangleMesh, sheets: Sheets | None = None) -> lis
 
     A loop is traced around each vertex within one fan of faces, so parts of a mesh that touch at a vertex only have
     separate loops. A loop that passes a vertex twice is split there; two loops may share a vertex. Loops have the
-    orientation of the boundary of a patch over them. Their first point is `first_point`: it depends on the positions
+    orientation of the boundary of a patch over them. Their first point is that of `first_points`: it depends on the positions
     only, not on the numbers of the vertices.
 
     `BoundaryLoop.remarks` and `BoundaryLoop.obstacle` report inconsistent faces that touch a loop. If the faces beside
@@ -61,13 +61,19 @@ def find_boundary_loops(mesh: TriangleMesh, sheets: Sheets | None = None) -> lis
         edge = traced.vertices[[first, traced.successor[first]]]
         raise DuplicateVertexError(vertices=tuple(edge.tolist()), count=int(is_equal.sum()))
     defects = _FaceDefects(mesh.faces, sheets)
+    # the junctions of each loop: those of its entries, and those on its edges
+    number, of_loop = traced.numbers[overlaps.junctions], np.arange(len(overlaps.junctions))
+    is_other = number[:, 0] != number[:, 1]
+    number, of_loop = np.append(number[:, 0], number[is_other, 1]), np.append(of_loop, of_loop[is_other])
+    order = np.lexsort((of_loop, number))
+    junctions, bounds = overlaps.junctions[of_loop[order]], np.searchsorted(number[order], np.arange(len(beside) + 1))
     loops = []
-    for part, near in zip((slice(*ends) for ends in pairwise(traced.starts)), beside, strict=True):
+    for (start, end), ends_of, near in zip(pairwise(traced.starts), pairwise(bounds), beside, strict=True):
+        part = slice(start, end)
         vertices, own = traced.vertices[part], points[part]
         lengths = edge_lengths(own)
         perimeter = float(lengths.sum())
-        of_loop = ((overlaps.junctions >= part.start) & (overlaps.junctions < part.stop)).any(axis=1)
-        entry, edge = overlaps.junctions[of_loop].T
+        entry, edge = junctions[slice(*ends_of)].T
         loop = BoundaryLoop(
             points=own,
             vertex_ids=vertices,
@@ -93,12 +99,12 @@ class _TracedLoops:
     starts: Int[np.ndarray, " r"]
 
     def from_first_points(self, positions: Float[np.ndarray, "v 3"], beside: Float[np.ndarray, "r 3"]) -> _TracedLoops:
-        """The loops from their `first_point`, which does not depend on the numbers of the vertices."""
-        starts = [
-            start + first_point(positions[self.vertices[start:end]], near)[0]
-            for (start, end), near in zip(pairwise(self.starts), beside, strict=True)
-        ]
-        lengths = np.diff(self.starts)
+        """The loops from their `first_points`, which does not depend on the numbers of the vertices."""
+        starts, lengths = self.starts[:-1].copy(), np.diff(self.starts)
+        for length in np.unique(lengths).tolist():
+            loops = np.flatnonzero(lengths == length)
+            own = positions[self.vertices[starts[loops, None] + np.arange(length)]]
+            starts[loops] += first_points(own, beside[loops])[0]
         place = np.arange(len(self.vertices)) - np.repeat(self.starts[:-1], lengths) + np.repeat(starts, lengths)
         ends = np.repeat(self.starts[1:], lengths)
         place = np.where(place < ends, place, place - np.repeat(lengths, lengths))

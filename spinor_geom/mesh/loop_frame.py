@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from spinor_geom.arrays import backwards, norm, shifted
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, centroids, diagonals
@@ -103,35 +103,42 @@ class LoopFrame:
 
 
 def first_point(points: Float[np.ndarray, "m 3"], beside: Float[np.ndarray, "3"] | None = None) -> tuple[int, bool]:
-    """A point of a closed polygon, and whether it is passed backwards from there, by distances between its points.
+    """`first_points` of one polygon."""
+    first, is_backward = first_points(points[None], None if beside is None else beside[None])
+    return int(first[0]), bool(is_backward[0])
+
+
+def first_points(
+    points: Float[np.ndarray, "b m 3"], beside: Float[np.ndarray, "b 3"] | None = None
+) -> tuple[Int[np.ndarray, " b"], Bool[np.ndarray, " b"]]:
+    """A point of each closed polygon, and whether it is passed backwards from there, by distances between its points.
 
     The first one and its direction have the largest sequence of lengths: of the next edge, of the distance from the
     centroid, of the distances to the second and third next point and from a point beside the polygon, then the same
     from the next point on.
     """
-    m = len(points)
-    away = norm(points - centroids(points))
-    allowed = _ALIKE * away.max()
-    best = np.arange(2 * m)  # of the points forwards, then of the points backwards
+    m = points.shape[1]
+    away = norm(points - centroids(points)[:, None])
+    allowed = _ALIKE * away.max(axis=1, keepdims=True)
+    is_best = np.ones((len(points), 2 * m), dtype=bool)  # the points forwards, then the points backwards
     features = []
     for steps, origin in ((1, points), (0, None), (2, points), (3, points), (0, beside)):
         if origin is points:
-            values = norm(shifted(points, -steps, axis=0) - points)
+            values = norm(shifted(points, -steps, axis=1) - points)
         else:
-            values = away if origin is None else norm(points - origin)
-        features.append(np.concatenate([values, shifted(values, steps)]))
-        best = _largest(best, features[-1][best], allowed)
-        if len(best) == 1:
+            values = away if origin is None else norm(points - origin[:, None])
+        features.append(np.concatenate([values, shifted(values, steps, axis=1)], axis=1))
+        largest = np.where(is_best, features[-1], -np.inf).max(axis=1, keepdims=True)
+        is_best &= features[-1] >= largest - allowed
+        if np.count_nonzero(is_best) == len(points):
+            best = is_best.argmax(axis=1)
             break
     else:
-        best = _with_largest_sequence(best, np.stack(features, axis=1), allowed)
-    return int(best[0]) % m, bool(best[0] >= m)
-
-
-def _largest(
-    candidates: Int[np.ndarray, " c"], values: Float[np.ndarray, " c"], allowed: float
-) -> Int[np.ndarray, " _"]:
-    return np.asarray(candidates[values >= values.max() - allowed])
+        best = is_best.argmax(axis=1)
+        for row in np.flatnonzero(is_best.sum(axis=1) > 1).tolist():
+            own = np.stack([values[row] for values in features], axis=1)
+            best[row] = _with_largest_sequence(np.flatnonzero(is_best[row]), own, float(allowed[row, 0]))[0]
+    return best % m, best >= m
 
 
 def _with_largest_sequence(
@@ -149,7 +156,8 @@ def _with_largest_sequence(
         differ = np.ptp(sequences, axis=0) > allowed
         if not differ.any():
             break
-        candidates = _largest(candidates, sequences[:, differ.argmax()], allowed)
+        values = sequences[:, differ.argmax()]
+        candidates = candidates[values >= values.max() - allowed]
     return candidates
 
 

@@ -77,6 +77,18 @@ def test_wrong_formulas_are_refused_with_the_parameter(wrong, reason):
     assert 0 <= error.value.parameter <= 1
 
 
+@pytest.mark.parametrize("away", [5e6, 1e9])
+def test_a_curve_far_from_the_origin_is_that_at_the_origin(away):
+    corners = np.array([[0.0, 0, 0], [2, 0, 0], [2, 1, 0.5], [0, 1.5, 0]])
+    for curve in (gallery.polygon, lambda points: moved(gallery.tennis_seam(0.8), points[0])):
+        near, far = (BoundaryCurve.from_formula(curve(corners + offset)) for offset in (0.0, away))
+        assert far.length() == pytest.approx(near.length(), rel=1e-15 * away)
+
+
+def moved(curve: ClosedCurve, by: np.ndarray) -> ClosedCurve:
+    return replace(curve, point=lambda s: curve.point(s) + by)
+
+
 def ellipse_run(depth: float, start: float) -> ClosedCurve:
     """An ellipse run through at the speed 1 − depth·cos 2π(s − start), in shares of the mean."""
 
