@@ -21,7 +21,8 @@ isometrically. Rise and turning do not depend on the triangulation along the loo
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -42,6 +43,7 @@ _LEAST_TURNING = 0.89  # rule 4, in units of 2π
 _CLEARLY_NEGATIVE = -np.pi  # rule 1
 _COLLAR = 0.1  # in units of w; with half of it the turning around half-pipes is too small
 _POINTS_PER_WIDTH = 4  # of the smoothed loop
+_MOST_POINTS = 10_000  # of longer loops, only every k-th point is compared with the mesh
 _MOST_WIDTHS = 40  # limits the smoothed loop to 160 points, the maximum of the first fill
 _ROUNDS = 3  # iterations for w; after one, smoothed rims of noisy UV spheres are still rough
 
@@ -90,17 +92,18 @@ class _NearbyFaces:
 
     @classmethod
     def of(cls, patched: PatchedMesh, loop: BoundaryLoop) -> _NearbyFaces:
-        mesh = patched.mesh
-        area = face_areas(loop.points, disk_without_inner_points(loop.points)).sum()
-        points, width = _smoothed(loop, float(area))
+        mesh, some = patched.mesh, slice(None, None, math.ceil(len(loop) / _MOST_POINTS))
+        own = replace(loop, points=loop.points[some], vertex_ids=loop.vertex_ids[some], corners=loop.corners[some])
+        area = face_areas(own.points, disk_without_inner_points(own.points)).sum()
+        points, width = _smoothed(own, float(area))
         faces = _faces_within(patched, loop, _COLLAR * width)
         centroids = mesh.vertices[mesh.faces[faces]].mean(axis=1)
-        nearest, along = _nearest_on(loop, centroids)
+        nearest, along = _nearest_on(own, centroids)
         areas = face_areas(mesh.vertices, mesh.faces[faces])
         return cls(
             points=points,
-            nearest=np.rint(along / loop.perimeter * len(points)).astype(np.int64) % len(points),
-            offsets=(centroids - nearest) / loop.diagonal * (areas / loop.diagonal**2)[:, None],
+            nearest=np.rint(along / own.perimeter * len(points)).astype(np.int64) % len(points),
+            offsets=(centroids - nearest) / own.diagonal * (areas / own.diagonal**2)[:, None],
         )
 
     @property

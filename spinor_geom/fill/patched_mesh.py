@@ -94,8 +94,11 @@ class PatchedMesh:
         self.mesh = mesh
         self.face_count = len(mesh.faces)
         self._loops_at = np.zeros(len(mesh.vertices), dtype=np.int64)
+        self._loops_of_three = []
         for loop in loops:
             self._loops_at[loop.vertex_ids] += 1
+            if len(loop) == 3:
+                self._loops_of_three.append(loop.vertex_ids)
         on_loop = (self._loops_at > 0)[mesh.faces]
         self._at_loops = np.flatnonzero(on_loop[:, 0] | on_loop[:, 1] | on_loop[:, 2])
         sides = np.flatnonzero(on_loop & on_loop[:, [1, 2, 0]])
@@ -116,12 +119,15 @@ class PatchedMesh:
 
     def face_on(self, loop: BoundaryLoop) -> int | None:
         """The mesh face of which a loop is the outline, or None."""
-        return self._faces_on_loops.get(tuple(sorted(loop.vertex_ids.tolist())))
+        return self._faces_on_loops.get(tuple(sorted(loop.vertex_ids.tolist()))) if len(loop) == 3 else None
 
     @cached_property
     def _faces_on_loops(self) -> dict[tuple[int, ...], int]:
-        """The lowest mesh face with each three corners that are on loops, by its sorted corners."""
-        faces = self._at_loops[(self._loops_at[self.mesh.faces[self._at_loops]] > 0).all(axis=1)][::-1]
+        """The lowest of the mesh faces with the same corners, all on loops of three points, by its sorted corners."""
+        is_corner = np.zeros(len(self.mesh.vertices), dtype=bool)
+        for corners in self._loops_of_three:
+            is_corner[corners] = True
+        faces = self._at_loops[is_corner[self.mesh.faces[self._at_loops]].all(axis=1)][::-1]
         return dict(zip(map(tuple, np.sort(self.mesh.faces[faces], axis=1).tolist()), faces.tolist(), strict=True))
 
     def taken_chords(self, patch: Patch, rim: Int[np.ndarray, " m"]) -> Int[np.ndarray, "c 2"]:

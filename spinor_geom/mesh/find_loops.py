@@ -35,8 +35,8 @@ def find_boundary_loops(mesh: TriangleMesh, sheets: Sheets | None = None) -> lis
 
     A loop is traced around each vertex within one fan of faces, so parts of a mesh that touch at a vertex only have
     separate loops. A loop that passes a vertex twice is split there; two loops may share a vertex. Loops have the
-    orientation of the boundary of a patch over them. Their first point is that of `first_points`: it depends on the positions
-    only, not on the numbers of the vertices.
+    orientation of the boundary of a patch over them. Their first point is that of `first_points`: it depends on the
+    positions only, not on the numbers of the vertices.
 
     `BoundaryLoop.remarks` and `BoundaryLoop.obstacle` report inconsistent faces that touch a loop. If the faces beside
     a loop have different orientations, the loop follows the majority. `BoundaryLoop.slit_fraction`,
@@ -52,17 +52,17 @@ def find_boundary_loops(mesh: TriangleMesh, sheets: Sheets | None = None) -> lis
     opposite = mesh.vertices[sheets.half_edges.opposite[traced.half_edges]]
     beside = np.add.reduceat(opposite, traced.starts[:-1]) / np.diff(traced.starts)[:, None]
     traced = traced.from_first_points(mesh.vertices, beside)
-    points = mesh.vertices[traced.vertices]
-    overlaps = find_overlaps(points, traced.successor, traced.numbers, math.hypot(*mesh.extents))
+    points, successor, numbers = mesh.vertices[traced.vertices], traced.successor, traced.numbers
+    overlaps = find_overlaps(points, successor, numbers, math.hypot(*mesh.extents))
     on_other = (overlaps.other > 0) & overlaps.is_matched
     is_equal = on_other & (overlaps.distance == 0)
     if is_equal.mean() > SOUP_FRACTION and np.logical_or.reduceat(is_equal, traced.starts[:-1]).all():
         first = np.argmax(is_equal)
-        edge = traced.vertices[[first, traced.successor[first]]]
+        edge = traced.vertices[[first, successor[first]]]
         raise DuplicateVertexError(vertices=tuple(edge.tolist()), count=int(is_equal.sum()))
     defects = _FaceDefects(mesh.faces, sheets)
     # the junctions of each loop: those of its entries, and those on its edges
-    number, of_loop = traced.numbers[overlaps.junctions], np.arange(len(overlaps.junctions))
+    number, of_loop = numbers[overlaps.junctions], np.arange(len(overlaps.junctions))
     is_other = number[:, 0] != number[:, 1]
     number, of_loop = np.append(number[:, 0], number[is_other, 1]), np.append(of_loop, of_loop[is_other])
     order = np.lexsort((of_loop, number))
@@ -81,7 +81,7 @@ def find_boundary_loops(mesh: TriangleMesh, sheets: Sheets | None = None) -> lis
             slit_fraction=float(lengths @ overlaps.own[part]) / perimeter if perimeter else 0.0,
             seam_edges=np.stack([vertices, shifted(vertices, -1)], axis=1)[on_other[part]],
             seam_distance=float(overlaps.distance[part].max()),
-            junctions=traced.vertices[np.stack([entry, edge, traced.successor[edge]], axis=1)],
+            junctions=traced.vertices[np.stack([entry, edge, successor[edge]], axis=1)],
             beside=near,
             obstacle=defects.obstacle(traced.half_edges[part]),
             remarks=tuple(defects.remarks(vertices, traced.half_edges[part])),

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
 
-from spinor_geom.errors import ImperfectFillWarning
+from spinor_geom.errors import ImperfectFillWarning, SheetBorderError
+from spinor_geom.fill.borders import require_no_border
 from spinor_geom.fill.fill_hole import fill_hole
+from spinor_geom.fill.patched_mesh import PatchedMesh
+from spinor_geom.mesh.find_loops import find_boundary_loops
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from tests.fill.shapes import tube
 
 
@@ -71,3 +76,17 @@ def test_lids_that_keep_clear_of_the_mesh_are_no_borders(mesh: tuple[np.ndarray,
     _, report = fill_hole(mesh, return_report=True)
     assert report.watertight
     assert report.complete
+
+
+@pytest.mark.parametrize(("depth", "is_border"), [(0.0, True), (0.5, False)])
+def test_a_rim_of_many_points_is_compared_at_some_of_them(depth: float, is_border: bool) -> None:
+    angle = np.arange(12_000) * 2 * np.pi / 12_000
+    rim = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
+    inner = rim - [0, 0, depth] if depth else 0.5 * rim  # a tube or an annulus
+    k = np.arange(len(rim))
+    after, below = np.roll(k, -1), k + len(rim)
+    faces = np.concatenate([np.stack([k, after, below], axis=1), np.stack([after, np.roll(below, -1), below], axis=1)])
+    mesh = TriangleMesh(np.concatenate([rim, inner]), faces)
+    loop = find_boundary_loops(mesh)[0]
+    with pytest.raises(SheetBorderError) if is_border else nullcontext():
+        require_no_border(PatchedMesh(mesh, [loop]), loop)
