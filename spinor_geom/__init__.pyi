@@ -26,6 +26,7 @@ from spinor_geom.holomorphic.series import PowerSeries as PowerSeries
 from spinor_geom.mesh.boundary_loop import BoundaryLoop as BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve as BoundaryCurve
 from spinor_geom.mesh.curve import ClosedCurve as ClosedCurve
+from spinor_geom.mesh.open_curve import OpenCurve as OpenCurve
 from spinor_geom.mesh.triangle_mesh import TriangleMesh as TriangleMesh
 from spinor_geom.meshing.embed import Patch as Patch
 from spinor_geom.meshing.embed import mesh_patch as mesh_patch
@@ -38,3 +39,4 @@ from spinor_geom.plateau.solve import solve_plateau_batch as solve_plateau_batch
 from spinor_geom.render.report import report as report
 from spinor_geom.surface.array_surface import ArraySurface as ArraySurface
 from spinor_geom.surface.spinor_surface import SpinorSurface as SpinorSurface
+from spinor_geom.symmetry.continued_surface import ContinuedSurface as ContinuedSurface

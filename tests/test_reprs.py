@@ -29,6 +29,8 @@ def described() -> Mapping[str, tuple[Any, tuple[str, ...]]]:
     film = solution.to_nurbs(tolerance=1e-4)
     filled, report = spinor_geom.fill_hole(tube(), return_report=True, continuity="C1")
     baseline = spinor_geom.discrete_minimal_surface(solution.loop)
+    t = np.pi * (np.arange(31) / 30 - 0.5)
+    arc = spinor_geom.OpenCurve(np.column_stack([np.cos(t).round(15), np.sin(t), np.cos(2 * t)]))
     made = (
         (solution, ("200 points", "area 3.57", "converged", "disk", "of an edge")),
         (solution.loop, ("200 points", "perimeter")),
@@ -47,6 +49,9 @@ def described() -> Mapping[str, tuple[Any, tuple[str, ...]]]:
         (spinor_geom.solve_plateau(apart), ("200 + 200 points", "cone")),
         (patch, ("vertices", "rim of 200 points", "area 3.5")),
         (solution.solid(0.1), ("faces", "thickness 0.1")),
+        (part := spinor_geom.solve_plateau(arc, mirror=[(np.zeros(3), (1, 0, 0))]), ("'mirrored'",)),
+        (part.continued(), ("2 copies", "mirrored")),
+        (arc, ("31 points",)),
         (film, ("5 patches", "area 3.57", "converged")),
         (film.patches[0], ("degrees",)),
         (film.boundary_curves[0][0], ("degree",)),

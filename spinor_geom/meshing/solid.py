@@ -15,7 +15,7 @@ from spinor_geom.adapters.mesh_files import write_triangles
 from spinor_geom.domain.delaunay import rim_successors
 from spinor_geom.errors import OptionError, SurfaceError, require_positive
 from spinor_geom.mesh.intersections import self_intersections
-from spinor_geom.meshing.embed import mesh_patch
+from spinor_geom.meshing.embed import Patch, mesh_patch
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.shown import Shown
 
@@ -68,28 +68,46 @@ def thickened(
     if edge not in get_args(SolidEdge):
         raise OptionError(f"edge must be one of {', '.join(get_args(SolidEdge))}, not {edge!r}")
     patch = mesh_patch(solution, target_edge_length)
+    rim = np.arange(patch.boundary_size), rim_successors(patch.rims)
+    return thickened_mesh(patch.vertices, patch.faces, unit_normals(solution, patch), rim, thickness, edge)
+
+
+def unit_normals(solution: PlateauSolution, patch: Patch) -> Float[np.ndarray, "n 3"]:
+    """The normals at the vertices of a patch; raises a SurfaceError at a branch point."""
     normals = np.asarray(solution.array_surface.normal(patch.points))
     if not np.isfinite(normals).all():
         raise SurfaceError("a vertex is a branch point, where the surface has no normal; choose another edge length")
-    half, m, count = thickness / 2, patch.boundary_size, len(patch.vertices)
-    rim, upwards, after = patch.vertices[:m], normals[:m], rim_successors(patch.rims)
+    return normals
+
+
+def thickened_mesh(
+    vertices: Float[np.ndarray, "n 3"],
+    faces: Int[np.ndarray, "f 3"],
+    normals: Float[np.ndarray, "n 3"],
+    rims: tuple[Int[np.ndarray, " m"], Int[np.ndarray, " m"]],
+    thickness: float,
+    edge: SolidEdge,
+) -> Solid:
+    """A mesh thickened along normals; `rims` has the vertices of its rims, and for each the place of the next one."""
+    half, (around, after), count = thickness / 2, rims, len(vertices)
+    rim, upwards = vertices[around], normals[around]
+    m = len(rim)
     turns = np.zeros(0)
-    if edge == "rounded":
-        parts = max(_FEWEST, int(np.ceil(np.pi * half * m / sum(r.loop.perimeter for r in solution.rims))))
+    if edge == "rounded" and m:
+        parts = max(_FEWEST, int(np.ceil(np.pi * half / np.linalg.norm(rim[after] - rim, axis=1).mean())))
         turns = np.pi * np.arange(1, parts) / parts
     before = np.empty_like(after)
     before[after] = np.arange(m)
     outwards = np.cross(rim[after] - rim[before], upwards)
     outwards /= np.maximum(np.linalg.norm(outwards, axis=1), np.finfo(float).tiny)[:, None]
     arcs = [rim + half * (np.cos(turn) * upwards + np.sin(turn) * outwards) for turn in turns]
-    vertices = np.concatenate([patch.vertices + half * normals, patch.vertices - half * normals, *arcs])
-    around = np.arange(m)
-    rows = [around, *(2 * count + m * k + around for k in range(len(arcs))), count + around]
+    rows = [around, *(2 * count + m * k + np.arange(m) for k in range(len(arcs))), count + around]
     walls = [
         np.concatenate([np.stack(corners, axis=1) for corners in ((a[after], a, b), (a[after], b, b[after]))])
         for a, b in pairwise(rows)
     ]
-    faces = np.asarray(patch.faces)
     return Solid(
-        vertices=vertices, faces=np.concatenate([faces, count + faces[:, ::-1], *walls]), thickness=float(thickness)
+        vertices=np.concatenate([vertices + half * normals, vertices - half * normals, *arcs]),
+        faces=np.concatenate([faces, count + faces[:, ::-1], *walls]),
+        thickness=float(thickness),
     )

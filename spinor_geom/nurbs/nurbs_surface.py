@@ -207,7 +207,7 @@ def nurbs_surface(solution: PlateauSolution, tolerance: float) -> NurbsSurface:
         )
         seams = _seams(mesh)
         surface, rim, moved = _distances(patches, mesh, fit, sample)
-        normals = _largest_angle(patches, seams, [(u.between, v.between) for u, v in fit.spaces])
+        normals = largest_angle(patches, seams, [(u.between, v.between) for u, v in fit.spaces])
     deviations = NurbsDeviations(surface=surface, rim=rim, normals=normals, diagonal=diagonal)
     reached = f"{fit.error / diagonal:.1e} of the diagonal with {fit.points} control points"
     within = fit.error <= tolerance * diagonal
@@ -324,7 +324,7 @@ def _exact(disk: PolynomialDisk, diagonal: float, missed: float, tolerance: floa
         for patch, net in zip(patches, nets, strict=True)
     ]
     seams, at = _seams(mesh), np.linspace(0, 1, 2 * disk.degree + 1)
-    normals = _largest_angle(patches, seams, [(at, at)] * len(patches))
+    normals = largest_angle(patches, seams, [(at, at)] * len(patches))
     return NurbsSurface(
         patches=tuple(patches),
         seams=seams,
@@ -370,7 +370,7 @@ def _distances(patches: Sequence[NurbsPatch], mesh: QuadMesh, fit: Fit, sample: 
     return float(surface), float(max(rim)), float(max(residual))
 
 
-def _largest_angle(
+def largest_angle(
     patches: Sequence[NurbsPatch],
     seams: Sequence[Seam],
     parameters: Sequence[tuple[Float[np.ndarray, " _"], Float[np.ndarray, " _"]]],

@@ -10,6 +10,7 @@ A solve uses these modules, in this order:
   of rough loops), `network` (Cauchy networks, also for corners), `rims` (several loops)
 - `misfit`: the distance between boundary and Γ, with one definition for all routes
 - `solution`: the surface in the caller's coordinates, with `evidence` computed on first use
+- `mirrored`: films that meet planes of symmetry at right angles, as parts of films over reflected curves
 - `disk_search`: disks of less area near unstable ones, and the search for all disks of a loop
 
 A new route is a module with a `Route`, and a line in `plan`.

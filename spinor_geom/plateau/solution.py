@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from spinor_geom.meshing.solid import Solid
     from spinor_geom.nurbs.nurbs_surface import NurbsSurface
     from spinor_geom.surface.spinor_surface import SpinorSurface
+    from spinor_geom.symmetry.continued_surface import ContinuedSurface
 
 RouteName = Literal[
     "plane",
@@ -47,6 +48,7 @@ RouteName = Literal[
     "unfolded",
     "network",
     "trained",
+    "mirrored",
 ]
 
 
@@ -72,6 +74,7 @@ class PlateauSolution(Shown):
             "network on circles": the same for loops of which some have corners or need many nodes; p and q are a
             Cauchy network.
             "trained": a complex-valued network.
+            "mirrored": the part on one side of planes of symmetry of a surface found by another route.
         history: the steps.
         solve_timings: wall time of each stage of the solve, in seconds.
         tolerance: the tolerance of the call: RMS residual in mean edges.
@@ -80,6 +83,7 @@ class PlateauSolution(Shown):
         reason: why the solver stopped, in one sentence.
         evidence: the surface and its checks, computed on first use.
         annulus: properties of a surface over several rims; None for disks.
+        free_edges: with `mirror`, the intervals of parameters of `curve` on which the surface meets a plane.
         solved_to: solves the same problem with another tolerance; None for surfaces of a batch or a search, and for
             those moved into other coordinates.
     """
@@ -96,6 +100,7 @@ class PlateauSolution(Shown):
     reason: str
     evidence: Evidence
     annulus: Annulus | None = None
+    free_edges: tuple[tuple[float, float], ...] = ()
     solved_to: Callable[[float], PlateauSolution | NoConnectedSurface] | None = None
 
     def __repr__(self) -> str:
@@ -272,6 +277,31 @@ class PlateauSolution(Shown):
         from spinor_geom.meshing.solid import thickened
 
         return thickened(self, thickness, target_edge_length, edge)
+
+    def continued(self, copies: int | Literal["cell"] = "cell") -> ContinuedSurface:
+        """The surface with its continuation across straight sides and planes of symmetry.
+
+        By Schwarz's reflection principle a minimal surface continues across a straight side by a half turn about it,
+        and across a side where it meets a plane at right angles by the reflection in the plane. Such sides are
+        recognised: to 1e-7 of the diagonal and 1e-3 of a right angle.
+
+        Args:
+            copies: "cell": copies that make up a cell, which translations continue to the whole surface without a
+                change of its sides; a surface without periods as a whole. A number n: the copies that are reached
+                across at most n sides.
+
+        Returns:
+            The copies, with `area`, `mesh`, `to_nurbs` and `solid`; `lattice` is a basis of the translations.
+
+        Raises:
+            OptionError: no side has a symmetry; the angle at a corner between two such sides does not divide π, so that
+                the continued surface is branched there; or there is no periodic cell.
+
+        Source: Schwarz (1865); Dierkes, Hildebrandt & Sauvigny, "Minimal Surfaces" (2010), section 4.8.
+        """
+        from spinor_geom.symmetry.continued_surface import continued
+
+        return continued(self, copies)
 
     def save(
         self,

@@ -12,6 +12,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict, overload
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from spinor_geom import deadline
 from spinor_geom.adapters import Rim, to_rims
@@ -19,6 +20,7 @@ from spinor_geom.errors import ArgumentTypeError, OptionError, SpinorGeomError, 
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.harmonic.harmonic_route import BATCH_NODES, FEWEST_NODES, UNIT_DISK, begun_on_unit_disk
+from spinor_geom.plateau.mirrored import MirrorPlanes, open_curves, solve_mirrored
 from spinor_geom.plateau.options import Cauchy, Model, Optimizer, Options, usable_place
 from spinor_geom.plateau.plan import all_surfaces, minimal_disk, plan, surface_between
 from spinor_geom.plateau.problem import PlateauProblem, Route
@@ -46,6 +48,7 @@ class _Rest(TypedDict, total=False):
     between: Literal["smooth", "quintic", "free"]
     time_limit: float
     device: str | torch.device | None
+    mirror: ArrayLike | None
     on_iteration: Callable[[Iteration], None] | None
 
 
@@ -78,6 +81,7 @@ def solve_plateau(
     all_solutions: bool = False,
     time_limit: float = math.inf,
     device: str | torch.device | None = None,
+    mirror: ArrayLike | None = None,
     on_iteration: Callable[[Iteration], None] | None = None,
 ) -> PlateauSolution | NoConnectedSurface | tuple[PlateauSolution, ...]:
     """A minimal disk bounded by a closed curve, or a connected minimal surface bounded by several curves.
@@ -131,6 +135,10 @@ def solve_plateau(
             `all_solutions`, other surfaces may be missing. A step in progress is finished first.
         device: the torch device where the linear algebra runs, such as "cuda"; the surface is returned there. None for
             numpy, without torch.
+        mirror: one to three mutually orthogonal planes, each as a pair (point, normal). The curves are then open: each
+            is an `OpenCurve`, or (m, 3) points, on one side of the planes with both ends on them. The surface meets the
+            planes at right angles along free edges: the surface over the curves and all their reflections is solved,
+            and its part on this side is returned, a disk with the curves and the `free_edges` as boundary.
         on_iteration: called after each step.
 
     Returns:
@@ -156,6 +164,26 @@ def solve_plateau(
 
     Source: Sun & Chern (2026) for the representation; Douglas, "Solution of the problem of Plateau" (1931).
     """
+    if mirror is not None:
+        if all_solutions:
+            raise OptionError("mirror= finds one surface; remove all_solutions=")
+        return solve_mirrored(
+            open_curves(loop),
+            MirrorPlanes.of(mirror),
+            tolerance,
+            partial(
+                solve_plateau,
+                model=model,
+                optimizer=optimizer,
+                warm_start=warm_start,
+                max_iterations=max_iterations,
+                unstable=unstable,
+                between=between,
+                time_limit=time_limit,
+                device=device,
+                on_iteration=on_iteration,
+            ),
+        )
     options = Options(
         model=model,
         optimizer=optimizer,

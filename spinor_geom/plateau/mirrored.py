@@ -1,0 +1,464 @@
+"""Films that meet planes of symmetry at right angles, from the film over the reflected curves.
+
+Let F_i = ∫ N_i·φ dz for the unit normal N_i of plane i. The film meets the plane along a level line of Re F_i. There
+φ·N_i is as long as dr/dz, because the film is orthogonal to the plane, so that Im F_i is the arc length, and the free
+edge in Ω solves dz/dτ = ±i/(N_i·φ(z)).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from itertools import pairwise, product
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Complex, Float
+from numpy.polynomial import Polynomial
+from numpy.typing import ArrayLike
+
+from spinor_geom.domain.plane_domain import TOWARDS_CORNER, PlaneDomain, SplineBoundary
+from spinor_geom.domain.quadrature import rule
+from spinor_geom.errors import OptionError, SurfaceError
+from spinor_geom.mesh.boundary_loop import BoundaryLoop, diagonals
+from spinor_geom.mesh.curve import BoundaryCurve
+from spinor_geom.mesh.interpolation import piece_places, through
+from spinor_geom.mesh.open_curve import OpenCurve
+from spinor_geom.plateau.evidence import Evidence
+from spinor_geom.plateau.rim_match import RimMatch
+from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution
+from spinor_geom.plateau.stability import Stability
+from spinor_geom.surface.array_surface import PATH_ORDER, ArraySurface
+
+# Relative to the diagonal: distance of an end from its plane that is rounding, and length of a free edge that ends
+# nowhere. Sines of angles: a curve at a smaller angle to the normal of its plane has no corner there; a film that is
+# farther from the right angle is not symmetric.
+_ON_PLANE, _LONGEST = 1e-6, 20.0
+_STRAIGHT, _ASKEW = 0.02, 1e-3
+_END_POINTS = 6  # of a curve for the polynomial whose derivative is the tangent at its end
+_STEP = 0.01  # along a free edge, relative to the diagonal
+_PIECES = 24  # of a free edge
+_ACCURACY = 1e-11  # of parameters
+_NEWTON = 5  # steps
+_FADING = 8  # power of the distance from the other end with which displacements of an end decrease
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MirrorPlanes:
+    """One, two or three mutually orthogonal planes."""
+
+    normals: Float[np.ndarray, "k 3"]
+    offsets: Float[np.ndarray, " k"]
+
+    @classmethod
+    def of(cls, planes: ArrayLike) -> MirrorPlanes:
+        """The planes through points with normals, (k, 2, 3); raises an OptionError for others."""
+        given = np.asarray(planes, dtype=np.float64)
+        if given.ndim != 3 or given.shape[1:] != (2, 3) or not 1 <= len(given) <= 3 or not np.isfinite(given).all():
+            raise OptionError(f"mirror must be one to three pairs (point, normal), got an array of shape {given.shape}")
+        length = np.linalg.norm(given[:, 1], axis=1)
+        if not length.all():
+            raise OptionError(f"the normal of plane {int(length.argmin())} is 0; give the direction of its normal")
+        normals = given[:, 1] / length[:, None]
+        if np.abs(normals @ normals.T - np.eye(len(normals))).max() > _ON_PLANE:
+            raise OptionError("the planes of mirror are not mutually orthogonal; give orthogonal normals")
+        return cls(normals=normals, offsets=(normals * given[:, 0]).sum(axis=1))
+
+    def heights(self, r: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n k"]:
+        """Signed distances from the planes."""
+        return np.asarray(r @ self.normals.T - self.offsets)
+
+    def image(self, r: Float[np.ndarray, "n 3"], across: Sequence[bool]) -> Float[np.ndarray, "n 3"]:
+        """Points reflected in some of the planes."""
+        return np.asarray(r - 2 * (self.heights(r) * np.array(across)) @ self.normals)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Arc:
+    """A given curve, with its ends moved onto their planes, and whether its reflection has a corner there."""
+
+    points: Float[np.ndarray, "m 3"]
+    corners: np.ndarray
+    is_detected: bool
+    planes: tuple[int, int]
+
+    @classmethod
+    def of(cls, curve: OpenCurve, number: int, planes: MirrorPlanes) -> _Arc:
+        points, corners = np.array(curve.points), curve.is_corner
+        ends, at = [], diagonals(points) * _ON_PLANE
+        heights = planes.heights(points)
+        for place, name in ((0, "start"), (-1, "end")):
+            near = np.flatnonzero(np.abs(heights[place]) <= at)
+            if len(near) != 1:
+                where = "no plane" if not len(near) else f"{len(near)} planes"
+                raise OptionError(f"the {name} of curve {number} lies on {where} of mirror; it must lie on one")
+            plane = int(near[0])
+            points[place] -= heights[place, plane] * planes.normals[plane]
+            ends.append(plane)
+            corners[place] = _turns(points if place == 0 else points[::-1], corners, place, planes.normals[plane])
+        return cls(points=points, corners=corners, is_detected=curve.is_detected, planes=(ends[0], ends[1]))
+
+    def loops(self, planes: MirrorPlanes) -> Iterator[BoundaryLoop]:
+        """The closed curves of its images; the first begins with the curve itself."""
+        left = list(product((False, True), repeat=len(planes.normals)))
+        while left:
+            first = element = left[0]
+            points, flags = [], []
+            while True:
+                for back in (False, True):
+                    left.remove(element)
+                    image = planes.image(self.points, element)
+                    points.append(image[:0:-1] if back else image[:-1])
+                    flags.append(self.corners[:0:-1] if back else self.corners[:-1])
+                    across = self.planes[0 if back else 1]
+                    element = tuple(one != (k == across) for k, one in enumerate(element))
+                if element == first:
+                    break
+            corners: Any = "auto" if self.is_detected else np.flatnonzero(np.concatenate(flags))
+            yield BoundaryLoop.from_points(np.concatenate(points), corners=corners)
+
+
+def _turns(points: Float[np.ndarray, "m 3"], corners: np.ndarray, place: int, normal: Float[np.ndarray, "3"]) -> bool:
+    """Whether a curve that starts at a plane and its reflection have a corner there."""
+    inner = np.flatnonzero(corners[1:-1] if place == 0 else corners[-2:0:-1])
+    near = points[: min(_END_POINTS, int(inner[0]) + 2 if len(inner) else len(points))]
+    t = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(near, axis=0), axis=1)))
+    slope = np.array([Polynomial.fit(t, axis, len(t) - 1).deriv()(0.0) for axis in near.T])
+    return bool(np.linalg.norm(np.cross(slope, normal)) > _STRAIGHT * np.linalg.norm(slope))
+
+
+def open_curves(what: Any) -> list[OpenCurve]:
+    """The open curves that an argument describes: an `OpenCurve`, (m, 3) points, or a sequence of these."""
+    if isinstance(what, OpenCurve):
+        return [what]
+    if isinstance(what, np.ndarray) and what.ndim == 2:
+        return [OpenCurve(what)]
+    return [one if isinstance(one, OpenCurve) else OpenCurve(np.asarray(one)) for one in what]
+
+
+def solve_mirrored(
+    curves: Sequence[OpenCurve], planes: MirrorPlanes, tolerance: float, solve: Callable[..., Any]
+) -> PlateauSolution | NoConnectedSurface:
+    """The part on one side of the planes of the film over curves and their reflections; see `solve_plateau`."""
+    if not curves:
+        raise OptionError("a film needs at least one open curve, got an empty sequence")
+    arcs = [_Arc.of(curve, number, planes) for number, curve in enumerate(curves)]
+    points = np.concatenate([arc.points for arc in arcs])
+    heights = planes.heights(points)
+    beyond = np.minimum(heights.max(axis=0), -heights.min(axis=0)) > _ON_PLANE * diagonals(points)
+    if beyond.any():
+        raise OptionError(
+            f"the curves lie on both sides of plane {int(beyond.argmax())} of mirror; give those on one side"
+        )
+    whole = solve([loop for arc in arcs for loop in arc.loops(planes)], tolerance=tolerance)
+    if isinstance(whole, NoConnectedSurface):
+        return whole
+    part = _Part(whole=whole, arcs=arcs, planes=planes).solution
+    return replace(part, solved_to=partial(_solved_to, curves, planes, solve))
+
+
+def _solved_to(
+    curves: Sequence[OpenCurve], planes: MirrorPlanes, solve: Callable[..., Any], tolerance: float
+) -> PlateauSolution | NoConnectedSurface:
+    return solve_mirrored(curves, planes, tolerance, solve)
+
+
+def _itself(surface: ArraySurface) -> ArraySurface:
+    """The surface; a function of the module, so that solutions can be pickled."""
+    return surface
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _PartEvidence(Evidence):
+    """The evidence of a part, whose free edges may move in their planes: its stability is that of the whole film."""
+
+    whole: Evidence
+
+    @cached_property
+    def stability(self) -> Stability:
+        """Verdict of the second variation of the whole film."""
+        return self.whole.stability
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Curve:
+    """Polynomial pieces of a curve: its values at the `piece_places` of pieces of given widths."""
+
+    widths: Float[np.ndarray, " m"]
+    values: Float[np.ndarray, "d m _"]
+    corners: Bool[np.ndarray, " m"]  # which pieces start at a corner
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Side:
+    """A side of the part, over an interval that begins at 0."""
+
+    length: float
+    plane: _Curve  # on ∂Ω
+    space: _Curve  # on Γ
+    slopes: Float[np.ndarray, "d m 3"]  # Γ′
+    ends: Float[np.ndarray, "2 3"]  # of Γ
+    at_loop: Bool[np.ndarray, " m"]  # which pieces of Γ start at points of the loop
+    pairs: Float[np.ndarray, "n 2"]  # matched parameters of ∂Ω and of Γ
+    is_free: bool = False
+
+    def between(self, before: _Side, after: _Side) -> _Side:
+        """A free edge whose ends, which are off by the boundary residual, are moved to its neighbours."""
+        x = (np.arange(_PIECES) + piece_places()[:, None])[..., None] / _PIECES
+        first = before.ends[1] - self.ends[0]
+        last = np.zeros(3) if after.is_free else after.ends[0] - self.ends[1]
+        moved = (1 - x) ** _FADING * first + x**_FADING * last
+        turned = _FADING / self.length * (x ** (_FADING - 1) * last - (1 - x) ** (_FADING - 1) * first)
+        space = replace(self.space, values=self.space.values + moved)
+        return replace(self, space=space, slopes=self.slopes + turned, ends=self.ends + np.stack([first, last]))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Placed:
+    """A given curve on a rim: its ranges of t and s, in the direction of the rim, and the planes of both ends."""
+
+    rim: RimMatch
+    t: tuple[float, float]
+    s: tuple[float, float]
+    planes: tuple[int, int]
+
+    @classmethod
+    def on(cls, arc: _Arc, solution: PlateauSolution) -> _Placed:
+        for rim in solution.rims:
+            n, at = len(rim.loop), [np.flatnonzero((rim.loop.points == r).all(axis=1)) for r in arc.points[[0, 1, -1]]]
+            if all(len(found) for found in at):
+                first, second, last = (int(found[0]) for found in at)
+                is_ahead = (first + 1) % n == second
+                start, end = (first, last) if is_ahead else (last, first)
+                s = rim.curve.at_loop[[start, end]]
+                t = np.concatenate([rim.parameters(s[k : k + 1]) for k in (0, 1)])
+                # after the first point of the loop
+                t[1], s[1] = t[1] + (t[1] <= t[0]), s[1] + (s[1] <= s[0])
+                planes = arc.planes if is_ahead else arc.planes[::-1]
+                return cls(rim=rim, t=(t[0], t[1]), s=(s[0], s[1]), planes=planes)
+        raise SurfaceError("the boundary of the film does not contain the given curves")
+
+    @property
+    def ends(self) -> Complex[np.ndarray, "2"]:
+        """Its ends in Ω."""
+        return self.rim.boundary.point(np.array(self.t))
+
+    @property
+    def side(self) -> _Side:
+        curve, boundary = self.rim.curve, self.rim.boundary
+        (t, of_plane), (s, of_space) = _cut(boundary.parameters, self.t), _cut(curve.breaks, self.s)
+        length = float(np.linalg.norm(np.diff(curve.point(s), axis=0), axis=1).sum())
+        rate, by_t = (length / (ends[1] - ends[0]) for ends in (self.s, self.t))
+        z = boundary.point(t[:-1] + np.diff(t) * piece_places()[:, None])
+        at = s[:-1] + np.diff(s) * piece_places()[:, None]
+        known = np.arange(len(curve.breaks) - 1) if curve.at_points is None else curve.at_points
+        pairs = np.concatenate([self.rim.matching + turn for turn in (-1, 0, 1, 2)])
+        inside = (pairs > [self.t[0], self.s[0]]).all(axis=1) & (pairs < [self.t[1], self.s[1]]).all(axis=1)
+        pairs = np.vstack([[self.t[0], self.s[0]], pairs[inside]])
+        return _Side(
+            length=length,
+            plane=_Curve(widths=np.diff(t) * by_t, values=_pairs_of(z), corners=boundary.corners[of_plane]),
+            space=_Curve(widths=np.diff(s) * rate, values=curve.point(at), corners=curve.corners[of_space]),
+            slopes=curve.derivative(at) / rate,
+            ends=curve.point(np.array(self.s)),
+            at_loop=np.isin(of_space, known),
+            pairs=(pairs - [self.t[0], self.s[0]]) * [by_t, rate],
+        )
+
+
+def _cut(breaks: Float[np.ndarray, " m1"], ends: tuple[float, float]) -> tuple[Float[np.ndarray, " k1"], np.ndarray]:
+    """The ends of pieces in an interval, and the numbers of these pieces."""
+    m = len(breaks) - 1
+    starts = (breaks[:-1] + np.arange(-1, 3)[:, None]).ravel()
+    inside = np.flatnonzero((starts > ends[0] + _ACCURACY) & (starts < ends[1] - _ACCURACY))
+    first = int(np.searchsorted(starts, ends[0] + _ACCURACY)) - 1
+    return np.array([ends[0], *starts[inside], ends[1]]), np.append(first, inside) % m
+
+
+def _pairs_of(z: Complex[np.ndarray, "*n"]) -> Float[np.ndarray, "*n 2"]:
+    return np.stack([z.real, z.imag], axis=-1)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Part:
+    """The part of a film on one side of planes of symmetry."""
+
+    whole: PlateauSolution
+    arcs: Sequence[_Arc]
+    planes: MirrorPlanes
+
+    @property
+    def _surface(self) -> ArraySurface:
+        return self.whole.array_surface
+
+    @property
+    def solution(self) -> PlateauSolution:
+        sides, whole, surface = self._sides(), self.whole, self._surface
+        starts = np.append(0.0, np.cumsum([side.length for side in sides]))
+        breaks, values, corners = _chained([side.plane for side in sides], starts)
+        plane = through(values, np.diff(breaks))
+        boundary = SplineBoundary(breaks, plane[..., 0] + 1j * plane[..., 1], corners)
+        domain = PlaneDomain.inside(boundary)
+        breaks, values, corners = _chained([side.space for side in sides], starts)
+        slopes = np.concatenate([side.slopes for side in sides], axis=1) * starts[-1]
+        at_loop = np.flatnonzero(np.concatenate([side.at_loop for side in sides]))
+        curve = BoundaryCurve(
+            kind="analytic",
+            breaks=breaks,
+            coefficients=through(values, np.diff(breaks)),
+            corners=corners,
+            slopes=through(slopes, np.diff(breaks)),
+            at_points=None if len(at_loop) == len(corners) else at_loop,
+        )
+        loop = BoundaryLoop.from_points(values[0, at_loop], corners=np.flatnonzero(corners[at_loop]))
+        pairs = [(side.pairs + start) / starts[-1] for side, start in zip(sides, starts, strict=False)]
+        root = domain.triangulation.points[domain.root : domain.root + 1]
+        own = ArraySurface(surface.model, domain, surface.position(root)[0], spinor_map=surface.spinor_map)
+        ends = (starts / starts[-1]).tolist()
+        return replace(
+            whole,
+            rims=(RimMatch(loop=loop, curve=curve, boundary=boundary, matching=np.concatenate(pairs)),),
+            domain=domain,
+            boundary_residual=replace(whole.boundary_residual, diagonal=loop.diagonal),
+            area=whole.area / 2 ** len(self.planes.normals),
+            route="mirrored",
+            evidence=_PartEvidence(make=partial(_itself, own), whole=whole.evidence),
+            annulus=None,
+            free_edges=tuple(span for span, side in zip(pairwise(ends), sides, strict=True) if side.is_free),
+        )
+
+    def _sides(self) -> list[_Side]:
+        """The sides of the part in the direction of its boundary: given curves, and the free edges between them."""
+        placed = [_Placed.on(arc, self.whole) for arc in self.arcs]
+        left, at, sides = set(range(len(placed))), 0, []
+        while at in left:
+            left.remove(at)
+            own = placed[at]
+            sides.append(own.side)
+            plane, z = own.planes[1], complex(own.ends[1])
+            before = complex(own.rim.boundary.derivative(np.array(np.nextafter(own.t[1] + 1, 0))))
+            reached = None
+            while reached is None:
+                targets = {k: complex(one.ends[0]) for k, one in enumerate(placed) if one.planes[0] == plane}
+                path, reached, other = self._traced(z, before, plane, targets)
+                sides.append(self._free_side(path, plane))
+                if other is not None:
+                    z, before, plane = complex(path[-1]), complex(path[-1] - path[-2]), other
+            at = reached
+        if left:
+            raise SurfaceError(f"the part of the film is no disk: its boundary does not reach curve {min(left)}")
+        for k, side in enumerate(sides):
+            if side.is_free:
+                sides[k] = side.between(sides[k - 1], sides[(k + 1) % len(sides)])
+        return sides
+
+    def _integral(self, start: Complex[np.ndarray, " m"], end: Complex[np.ndarray, " m"]) -> Complex[np.ndarray, "m 3"]:
+        """∫ φ dz along segments."""
+        gauss = rule("gauss", PATH_ORDER)
+        z = start[:, None] + (end - start)[:, None] * gauss.nodes
+        values = self._surface.null_curve(z.ravel()).reshape(*z.shape, 3)
+        return np.asarray(np.einsum("mgk,g,m->mk", values, gauss.weights, end - start))
+
+    def _traced(
+        self, z: complex, before: complex, plane: int, targets: dict[int, complex]
+    ) -> tuple[Complex[np.ndarray, " k"], int | None, int | None]:
+        """Points in Ω along the free edge on a plane, up to the start of a given curve or to another plane.
+
+        Returns with them the number of the curve or of the other plane.
+        """
+        surface, normals, size = self._surface, self.planes.normals, self.whole.rims[0].loop.diagonal
+        step, path = _STEP * size, [z]
+        position = surface.position(np.array([z]))[0]
+        ends = {k: surface.position(np.array([target]))[0] for k, target in targets.items()}
+
+        def ahead(w: complex) -> complex:
+            return 1j / complex(surface.null_curve(np.array([w]))[0] @ normals[plane])
+
+        sign = 1.0 if (np.conj(before) * ahead(z)).imag > 0 else -1.0
+        others = [k for k in range(len(normals)) if k != plane]
+        for number in range(int(_LONGEST / _STEP)):
+            reached = [k for k, end in ends.items() if np.linalg.norm(end - position) < 1.5 * step]
+            if reached and number:
+                return np.array([*path, targets[reached[0]]]), reached[0], None
+            # the midpoint rule, then a step of Newton's method towards the plane
+            half = z + 0.5 * sign * step * ahead(z)
+            new = z + sign * step * ahead(half)
+            moved = position + self._integral(np.array([z]), np.array([new]))[0].real
+            shift = -self.planes.heights(moved)[plane] / complex(
+                surface.null_curve(np.array([new]))[0] @ normals[plane]
+            )
+            new += shift
+            heights = self.planes.heights(position), self.planes.heights(moved)
+            crossed = [k for k in others if heights[0][k] * heights[1][k] < 0 and number]
+            if crossed:
+                return np.array([*path, self._crossing(new, plane, crossed[0])]), None, crossed[0]
+            position = position + self._integral(np.array([z]), np.array([new]))[0].real
+            z = new
+            path.append(z)
+        raise SurfaceError("a free edge of the film ends at no given curve; the part inside is no disk with free edges")
+
+    def _crossing(self, z: complex, plane: int, other: int) -> complex:
+        """The point near z where the film meets two planes, by Newton's method."""
+        both = [plane, other]
+        for _ in range(_NEWTON):
+            slope = self._surface.null_curve(np.array([z]))[0] @ self.planes.normals[both].T
+            away = self.planes.heights(self._surface.position(np.array([z]))[0])[both]
+            x, y = np.linalg.solve(np.stack([slope.real, -slope.imag], axis=1), -away)
+            z += complex(x, y)
+        return z
+
+    def _free_side(self, path: Complex[np.ndarray, " k"], plane: int) -> _Side:
+        """The free edge near points of Ω: Re F is 0, except near ends that are off the plane by the residual."""
+        normal, surface = self.planes.normals[plane], self._surface
+        first, last = path[1] - path[0], path[-2] - path[-1]
+        path = np.concatenate(
+            [path[:1], path[0] + first * TOWARDS_CORNER[::-1], path[1:-1], path[-1] + last * TOWARDS_CORNER, path[-1:]]
+        )
+        along = np.concatenate([np.zeros((1, 3)), np.cumsum(self._integral(path[:-1], path[1:]), axis=0)])
+        # at the ends, which are on ∂Ω, paths of integration are less accurate
+        middle = len(path) // 2
+        start = surface.position(path[[middle]]) - along[middle].real
+        away = self.planes.heights(np.concatenate([start, start + along[-1].real]))[:, plane]
+        f = along @ normal + away[0]
+        length = float(abs(f[-1].imag))
+        x = (np.arange(_PIECES) + piece_places()[:, None]).ravel() / _PIECES
+        wanted = away @ [(1 - x) ** _FADING, x**_FADING] + 1j * x * f[-1].imag
+        near = np.abs(x[:, None] - f.imag / f[-1].imag).argmin(axis=1)
+        z = path[near]
+        for _ in range(_NEWTON):
+            moved = self._integral(path[near], z)
+            z = z + (wanted - f[near] - moved @ normal) / (surface.null_curve(z) @ normal)
+        if np.abs(surface.normal(z[_PIECES:-_PIECES]) @ normal).max() > _ASKEW:
+            raise SurfaceError(
+                "the film does not meet the planes at right angles: it has less symmetry than its curves"
+            )
+        phi = surface.null_curve(z)
+        r = start + (along[near] + self._integral(path[near], z)).real
+        slopes = (phi * (1j * np.sign(f[-1].imag) / (phi @ normal))[:, None]).real
+        r -= self.planes.heights(r)[:, [plane]] * normal
+        slopes -= (slopes @ normal)[:, None] * normal
+        shape, ends = (len(piece_places()), _PIECES), np.append(TOWARDS_CORNER, _PIECES - TOWARDS_CORNER)
+        is_first = np.arange(_PIECES) == 0
+        widths = np.full(_PIECES, length / _PIECES)
+        return _Side(
+            length=length,
+            plane=_Curve(widths=widths, values=_pairs_of(z.reshape(shape)), corners=is_first),
+            space=_Curve(widths=widths, values=r.reshape(*shape, 3), corners=is_first),
+            slopes=slopes.reshape(*shape, 3),
+            ends=np.stack([r[0], (start + along[-1].real - away[1] * normal)[0]]),
+            at_loop=np.ones(_PIECES, dtype=bool),
+            # graded towards the ends, beyond which the ratio of t to s is another one
+            pairs=np.repeat(np.union1d(np.arange(_PIECES), ends)[:, None] * length / _PIECES, 2, axis=1),
+            is_free=True,
+        )
+
+
+def _chained(
+    curves: Sequence[_Curve], starts: Float[np.ndarray, " k1"]
+) -> tuple[Float[np.ndarray, " m1"], Float[np.ndarray, "d m _"], Bool[np.ndarray, " m"]]:
+    """The breaks on [0, 1], the values and the corners of a closed curve of several."""
+    breaks = [start + np.append(0.0, np.cumsum(one.widths)[:-1]) for one, start in zip(curves, starts, strict=False)]
+    corners = [np.append(True, one.corners[1:]) for one in curves]
+    values = np.concatenate([one.values for one in curves], axis=1)
+    return np.append(np.concatenate(breaks) / starts[-1], 1.0), values, np.concatenate(corners)

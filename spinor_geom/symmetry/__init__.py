@@ -1,0 +1,1 @@
+"""Continuation of minimal surfaces across straight sides and sides in planes of symmetry."""
