@@ -39,7 +39,7 @@ class FileContents:
     tint: Float[np.ndarray, "n 3"] | None = None
     # the vertex that represents the position of each: itself, except at texture and normal seams
     representatives: Int[np.ndarray, " v"]
-    # the index of the loop that each polygon fills, −1 for those that were read; None if none was added
+    # the index of the loop that each polygon fills, also in an earlier fill if the file says so, or −1; None: all −1
     face_loops: Int[np.ndarray, " p"] | None = None
     # curves beside faces, of vertex indices; a closed one repeats its first
     polylines: tuple[Int[np.ndarray, " _"], ...] = ()
@@ -61,7 +61,7 @@ class FileContents:
 
     @property
     def loop_of_faces(self) -> Int[np.ndarray, " p"]:
-        """The index of each polygon's loop, −1 for those that were read."""
+        """The index of each polygon's loop, −1 for those that fill none."""
         return np.full(len(self.polygons), -1) if self.face_loops is None else self.face_loops
 
     @classmethod

@@ -57,12 +57,15 @@ def encode_vtk(contents: FileContents, *, suffix: str) -> bytes:
 
 def _contents(mesh_object: Any, suffix: str, appended: Callable[[MeshExtension], bytes]) -> FileContents:
     mesh, polygons = to_mesh(mesh_object), polygons_of(mesh_object)
+    patches = np.asarray(mesh_object.cell_data.get("patch", np.zeros(0)))
+    has_patches = patches.shape == (len(polygons),) and patches.dtype.kind == "i"
     return FileContents(
         vertices=mesh.vertices,
         polygons=polygons,
         attributes=mesh.vertex_attributes,
         labels=mesh.labels,
         color_scale=255.0,
+        face_loops=patches.astype(np.int64) if has_patches else None,
         representatives=seam_representatives(mesh.vertices, polygons, appearance_of(mesh.vertex_attributes)),
         suffix=suffix,
         appended=appended,

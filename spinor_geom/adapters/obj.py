@@ -35,6 +35,7 @@ BLOCK_SIZE = 1 << 22
 LONGEST_LINE = 1 << 25
 NEWLINE = b"\n"
 GROUP, MATERIAL = "spinor_geom_fill", "textured"
+OWN_GROUP = re.compile(rf"(?:^|/){GROUP}_([0-9]{{1,9}})$")
 KEYWORDS = (b"v", b"vt", b"vn", b"f", b"l", b"o")
 NUMBERS = (b"v", b"vt", b"vn")  # keywords of lines of numbers
 ELEMENTS = {b"f": (3, "a face needs three corners"), b"l": (2, "a curve needs two vertices")}
@@ -181,6 +182,7 @@ class _Reader:
                 attributes[name] = np.where(own[:, None] >= 0, np.concatenate(self.values[key])[own], 0.0)
         pieces = np.split(curves[0][:, 0], np.cumsum(curves[1])[:-1]) if len(curves[1]) else []
         chains, names = chained(pieces), tuple(self.names)
+        fills = [int(match[1]) if (match := OWN_GROUP.search(name)) else -1 for name in names]
         count = {"uv": self.counts[b"vt"], "normal": self.counts[b"vn"]}
         own_indices = {name: (own, count[name]) for name, own in corner_indices.items()}
         return FileContents(
@@ -192,6 +194,7 @@ class _Reader:
             polylines=tuple(curve for _, curve in chains),
             names=names,
             polygon_names=faces[3],
+            face_loops=np.array(fills, dtype=np.int64)[faces[3]] if max(fills, default=-1) >= 0 else None,
             polyline_names=tuple(names[curves[3][first]] for first, _ in chains),
             nonfinite_places=self.nonfinite_places,
             several=tuple(several),

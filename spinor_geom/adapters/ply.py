@@ -140,6 +140,9 @@ def contents_of_records(records: Records, *, suffix: str) -> FileContents:
         place = ", ".join(filter(None, (line, f"face {face}")))
         raise malformed(place, problem, "correct or remove the face") from None
     appearance = [attributes[name] for name in ("uv", "normal") if name in groups]
+    patches = None
+    if faces is not None and not has_strips and "patch" not in faces.lengths:
+        patches = faces.values.get("patch")
     wrong, color_scale = nonfinite_rows(points).tolist() if vertices.lines else [], 1.0
     if "color" in groups:
         stored = vertices.values[groups["color"][0]].dtype
@@ -154,6 +157,7 @@ def contents_of_records(records: Records, *, suffix: str) -> FileContents:
             if attribute != "color" and all(vertices.values[name].dtype.kind in "iu" for name in names)
         ),
         color_scale=color_scale,
+        face_loops=patches.astype(np.int64) if patches is not None and patches.dtype.kind == "i" else None,
         representatives=seam_representatives(points, polygons, appearance),
         nonfinite_places={vertex: vertices.line(vertex) for vertex in wrong},
         # strips cannot be extended; many programs read them only where there are no faces

@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, Task, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
 
@@ -108,6 +108,13 @@ def _write(text: str) -> None:
         _discard_output()
 
 
+class _Count(MofNCompleteColumn):
+    """The number done of the total, if the total is known."""
+
+    def render(self, task: Task) -> Text:
+        return Text() if task.total is None else super().render(task)
+
+
 class ProgressBar:
     """A progress bar."""
 
@@ -127,6 +134,6 @@ class ProgressBar:
 def progress(label: str) -> Iterator[ProgressBar]:
     """A progress bar on standard error while the context is open; nothing without a terminal."""
     console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    columns = (TextColumn("{task.description}"), BarColumn(), _Count(), TimeElapsedColumn())
     with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as bar:
         yield ProgressBar(bar, label)

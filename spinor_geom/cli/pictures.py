@@ -14,7 +14,9 @@ from spinor_geom.cli.console import ExitStatus
 from spinor_geom.cli.source import read_surface, require_writable
 from spinor_geom.errors import OptionError, RenderError, require
 from spinor_geom.files import SURFACE_SUFFIX, up_axis
+from spinor_geom.fill.loop_choice import boundary_loops
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.render.fill_scene import MOST_LABELS
 from spinor_geom.render.png import draw_apart, require_png
 from spinor_geom.render.scene import Scene
 
@@ -39,7 +41,10 @@ def _view(arguments: argparse.Namespace) -> None:
             "with 'spinor-geom fill ... --html report.html'"
         )
     shape = _shape(arguments.input, arguments.merge)
-    scene = Scene(layers=_upright(shape, arguments).layers, title=arguments.input.name)
+    upright = _upright(shape, arguments)
+    loops = boundary_loops(TriangleMesh(upright.layers[0].vertices, shape.faces))
+    labels = [(loop.points[0], str(number)) for number, loop in enumerate(loops[:MOST_LABELS])]
+    scene = Scene(layers=upright.layers, title=arguments.input.name, labels=labels)
     draw_apart([scene], _SIZE, [0.0], None, time_limit=math.inf)  # until the user closes the window
 
 

@@ -80,23 +80,22 @@ def _bench(arguments: argparse.Namespace) -> ExitStatus:
 def _reproduce(arguments: argparse.Namespace) -> ExitStatus:
     for package in ("matplotlib", "markdown_it", "pyvista", "torch"):
         require(package, extra="experiments")
-    from spinor_geom.experiments.experiment import PAGE, Results, reproduce
+    from spinor_geom.experiments.experiment import PAGE, QUICK, reproduce
 
     names = arguments.names or tuple(NAMES)
     with progress("reproducing") as bar:
-        finished = count(1)
-        bar(0, len(names))
+        started = count()
 
-        def on_done(one: Results) -> None:
-            number = next(finished)
-            bar(number, len(names))
+        def on_start(name: str) -> None:
+            bar(number := next(started), len(names), f"reproducing {name}")
             if not sys.stderr.isatty():
-                complain(f"{number} of {len(names)}: {one.name}, {one.seconds:.0f} s")
+                complain(f"{number + 1} of {len(names)}: {name}")
 
-        done = reproduce(names, arguments.output, quick=arguments.quick, on_done=on_done)
+        done = reproduce(names, arguments.output, quick=arguments.quick, on_start=on_start)
     rows = [[one.name, "yes" if one.reproduced else "no", f"{one.seconds:.1f}"] for one in done]
     show_table(("experiment", "agrees", "seconds"), rows, piped=False)
-    show_lines(f"report: {arguments.output / PAGE}", piped=False)
+    agree = f"{sum(one.reproduced for one in done)} of {len(done)} agree with the paper"
+    complain(f"{agree}{f'. {QUICK}' if arguments.quick else ''}; report: {arguments.output / PAGE}")
     for one in done:
         if not one.reproduced:
             complain(f"{one.name}: {one.verdict}")

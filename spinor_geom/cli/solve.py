@@ -46,7 +46,10 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
     tolerance = arguments.tolerance or (_OF_EDGES if is_cad else _OF_POINTS)
     with progress("solving") as bar:
         solution = solve_plateau(
-            curves[0] if len(curves) == 1 else curves, tolerance=tolerance, time_limit=arguments.time_limit
+            curves[0] if len(curves) == 1 else curves,
+            tolerance=tolerance,
+            time_limit=arguments.time_limit,
+            on_iteration=lambda one: bar.stage(f"{one.method}, step {one.index}, residual {one.residual:.0e}"),
         )
         if isinstance(solution, NoConnectedSurface):
             raise SurfaceError(f"{solution.reason}; solve the curves one by one")

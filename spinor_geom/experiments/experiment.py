@@ -24,6 +24,7 @@ from spinor_geom.training import LevenbergMarquardt, RMSprop
 from spinor_geom.version import program_version
 
 REPORT, PAGE, DESCRIPTION = "report.md", "report.html", "data.json"
+QUICK = "Trainings have fewer epochs and grids are coarser than in the paper; the criteria are the same"
 TITLE = "The paper's experiments, repeated"
 _SUFFIXES = (".png", ".pdf")  # of each picture
 _RESOLUTION = 160  # pixels per inch of the PNGs
@@ -114,21 +115,21 @@ def reproduce(
     folder: str | os.PathLike[str],
     *,
     quick: bool = False,
-    on_done: Callable[[Results], None] | None = None,
+    on_start: Callable[[str], None] | None = None,
 ) -> tuple[Results, ...]:
     """Runs experiments one after the other and updates the report after each.
 
     Complete results of the same version and settings in the folder are reused, and trainings resume from their
-    checkpoints there. `on_done` is called with the results of each experiment, resumed or not.
+    checkpoints there. `on_start` is called with the name of each experiment, resumed or not.
     """
     chosen, done = {name: experiment(name) for name in names}, list[Results]()
     for name, one in chosen.items():
+        if on_start is not None:
+            on_start(name)
         done.append(_run(name, one, Path(folder) / name, quick))
         with together():
             write_text(Path(folder) / REPORT, report(done, quick=quick))
             write_text(Path(folder) / PAGE, page(done, Path(folder), quick=quick))
-        if on_done is not None:
-            on_done(done[-1])
     return tuple(done)
 
 
@@ -179,7 +180,7 @@ def report(done: Sequence[Results], *, quick: bool, shown: Callable[[str], str] 
         f"{'Quick' if quick else 'Full'} run: {len(done)} {'experiment' if len(done) == 1 else 'experiments'} in "
         f"{sum(one.seconds for one in done):.0f} s; {sum(one.reproduced for one in done)} agree with the paper: the "
         "verdict of each says what was compared"
-        f"{'. Trainings have fewer epochs and grids are coarser than in the paper' if quick else ''}.",
+        f"{f'. {QUICK}' if quick else ''}.",
     ]
     link = shown or (lambda path: f"![{Path(path).stem}]({path})")
     return "\n\n".join([*start, *(_section(one, quick, link) for one in done)]) + "\n"

@@ -20,8 +20,9 @@ from spinor_geom.mesh.operators import vertex_normals
 from spinor_geom.mesh.topology import referenced_vertices
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.render.camera import Camera
-from spinor_geom.render.scene import MESH, PATCH, Faces, Layer, Lines, Scene
+from spinor_geom.render.scene import MESH, PATCH, Faces, Label, Layer, Lines, Scene
 
+MOST_LABELS = 200  # numbers of loops in a view
 LARGEST_IMAGE = 2048  # pixels of the longer side of a texture that is shown
 UPWARDS = np.array([0.0, 0.0, 1.0])
 _MARGIN = 2.2  # radius shown around a small hole, in radii of the hole
@@ -30,15 +31,29 @@ _CLOSE_UP = 0.5  # the close-up is used if its radius is below this share of the
 
 def fill_scene(result: FillResult) -> tuple[Scene, Scene]:
     """The open and the filled mesh, both with the camera of `hole_camera`."""
-    original, extension = result.original, result.extension
-    # a smooth patch may reach far beyond the mesh
-    camera = hole_camera(
-        np.concatenate([used_vertices(original), extension.vertices]), shown_loop(result.loops), up_of(result)
-    )
+    original, extension, camera = result.original, result.extension, fill_camera(result)
     mesh = mesh_layers(original, [outcome.loop for outcome in result.loops], skin=skin_of(result.mesh, original))
     vertices = np.concatenate([original.vertices, extension.vertices])
     patch = Faces(vertices=vertices, faces=extension.faces, edges=True, **PATCH)
     return Scene(layers=mesh, camera=camera, title="open"), Scene(layers=[*mesh, patch], camera=camera, title="filled")
+
+
+def fill_camera(result: FillResult) -> Camera:
+    """The camera of `hole_camera` for the loop of `shown_loop`."""
+    # a smooth patch may reach far beyond the mesh
+    points = np.concatenate([used_vertices(result.original), result.extension.vertices])
+    return hole_camera(points, shown_loop(result.loops), up_of(result))
+
+
+def patch_labels(result: FillResult) -> list[Label]:
+    """The numbers of the loops, each at the vertex of its patch that is nearest to the mean of all; the first ones."""
+    labels: list[Label] = []
+    for outcome in result.loops:
+        if outcome.patch is not None and len(labels) < MOST_LABELS:
+            vertices = outcome.patch.vertices
+            middle = np.linalg.norm(vertices - vertices.mean(axis=0), axis=1).argmin()
+            labels.append((vertices[middle], str(outcome.index)))
+    return labels
 
 
 def up_of(result: FillResult) -> Literal["y", "z"]:

@@ -19,12 +19,13 @@ from spinor_geom.fill.fill_result import FillResult, LoopOutcome
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import face_areas
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
-from spinor_geom.meshing.embed import Patch
 from spinor_geom.render.domain_colours import domain_colours
 from spinor_geom.render.fill_scene import (
+    MOST_LABELS,
     hole_camera,
     loops_scene,
     mesh_layers,
+    patch_labels,
     shown_loop,
     skin_of,
     up_of,
@@ -44,7 +45,6 @@ from spinor_geom.render.scene import Scene
 
 MOST_LOOPS = 8  # loops with exact surfaces, the longest first, whose Ω and functions are shown
 MOST_FACES = 120_000  # triangles of the mesh that are shown: half of them as they are, near its loops
-_MOST_LABELS = 200  # numbers of loops in the view
 _COARSER = 1.25  # factor of the cells of a mesh that has too many triangles
 _KEYS = "Drag to turn, with Shift to move, wheel or + and − to zoom, double click or 0 to reset."
 _MOST_REMARKS = 3  # a longer list is collapsed
@@ -121,7 +121,7 @@ def loops_page(
         front,
         title="The mesh and its loops with their numbers",
         layers=mesh_layers(shown, loops, skin=skin_of(mesh, whole) if shown is whole else {}),
-        labels=[(loop.points[0], str(number)) for number, loop in enumerate(loops[:_MOST_LABELS])],
+        labels=[(loop.points[0], str(number)) for number, loop in enumerate(loops[:MOST_LABELS])],
         unit="mesh units",
     )
     views, title = Views(), html.escape(f"Boundary loops of {name}")
@@ -181,7 +181,7 @@ def _scenes(result: FillResult, details: Sequence[LoopViews], views: Views) -> l
         layers=layers,
         camera=hole_camera(used, shown_loop(result.loops), up_of(result)),
         loop_cameras={str(index): hole_camera(used, result.loops[index], up_of(result)) for index in patches},
-        labels=[(patch.vertices[_middle(patch)], str(index)) for index, patch in list(patches.items())[:_MOST_LABELS]],
+        labels=patch_labels(result),
         unit="mesh units",
         panel=True,
     )
@@ -203,11 +203,6 @@ def _scenes(result: FillResult, details: Sequence[LoopViews], views: Views) -> l
         for one in details
     )
     return [*parts, f'<div class="beside">{main}<div>{beside}</div></div>']
-
-
-def _middle(patch: Patch) -> int:
-    """The vertex of a patch that is nearest to the mean of all."""
-    return int(np.linalg.norm(patch.vertices - patch.vertices.mean(axis=0), axis=1).argmin())
 
 
 def _shown(mesh: TriangleMesh, points: np.ndarray) -> TriangleMesh:

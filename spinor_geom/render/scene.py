@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
@@ -12,6 +12,7 @@ from jaxtyping import Float, Int, UInt8
 from spinor_geom.mesh.array_checks import with_finite_rows
 from spinor_geom.render.camera import Camera, upright
 
+Label: TypeAlias = tuple[Float[np.ndarray, "3"], str]  # a text at a point
 # Colours of meshes, patches, rims and values.
 MESH: dict[str, Any] = {"colour": "#c9ced6", "inside": "#8d7f73"}
 PATCH: dict[str, Any] = {"colour": "#f28e2b"}
@@ -116,7 +117,7 @@ class Scene:
     layers: Sequence[Layer]
     title: str = ""
     camera: Camera | None = None  # None: see `overview`
-    labels: Sequence[tuple[Float[np.ndarray, "3"], str]] = ()  # texts at points
+    labels: Sequence[Label] = ()
     scales: Mapping[str, Scale] = field(default_factory=dict)  # by field; the default is `Scale.of` the values
     loop_cameras: Mapping[str, Camera] = field(default_factory=dict)  # by the loop selected in the page's panel
     panel: bool = False  # whether the view follows the page's panel; else it shows the first field

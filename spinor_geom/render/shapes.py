@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
-from spinor_geom.adapters import to_mesh
+from spinor_geom.adapters import MeshFile, to_mesh
 from spinor_geom.adapters.mesh_files import write_triangles
 from spinor_geom.discrete.minimal_surface import DiscreteMinimalSurface
 from spinor_geom.errors import MeshFileError
@@ -20,10 +20,11 @@ from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import Patch, mesh_patch, mesh_surface
 from spinor_geom.meshing.solid import Solid
 from spinor_geom.plateau.solution import PlateauSolution
-from spinor_geom.render.fill_scene import skin_of
+from spinor_geom.render.camera import Camera
+from spinor_geom.render.fill_scene import fill_camera, patch_labels, skin_of
 from spinor_geom.render.page import Views, document, table
 from spinor_geom.render.portrait import Portrait
-from spinor_geom.render.scene import MESH, PATCH, Faces, Layer, Scene, viridis
+from spinor_geom.render.scene import MESH, PATCH, Faces, Label, Layer, Scene, viridis
 from spinor_geom.surface.array_surface import ArraySurface
 
 GAUSS, MEAN, NORMAL = "gauss_curvature", "mean_curvature", "normal"
@@ -41,7 +42,9 @@ class Shape:
     values: Mapping[str, np.ndarray]  # (n,) or (n, k), names as in `Shown`
     skin: Mapping[str, Any] = field(default_factory=dict)  # own colours, see `skin_of`
     colour_field: str = MEAN  # name of the values shown as colours
-    first_new: int | None = None  # the first face of the patches of a fill
+    is_new: Bool[np.ndarray, " f"] | None = None  # which faces are patches of a fill; None: not known
+    camera: Camera | None = None  # None: an overview
+    labels: Sequence[Label] = ()  # numbers of patches
     loops: Sequence[tuple[str, ...]] = ()  # rows of a table of the loops of a fill, its head first
 
     @property
@@ -52,7 +55,22 @@ class Shape:
     def portrait(self, *, curvature: bool) -> Portrait:
         """The triangles and their boundary, coloured by curvature or with one colour for each side."""
         name = f"{self.colour_field.replace('_', ' ')}, 1/unit{'²' * (self.colour_field == GAUSS)}"
-        return Portrait.of_mesh(self.vertices, self.faces, {name: self.curvature} if curvature else None, self.skin)
+        whole = Portrait.of_mesh(self.vertices, self.faces, {name: self.curvature} if curvature else None, self.skin)
+        return (
+            whole
+            if curvature or self.is_new is None
+            else Portrait(layers=(*self._parts(self.is_new), *whole.layers[1:]))
+        )
+
+    def _parts(self, is_new: Bool[np.ndarray, " f"]) -> list[Faces]:
+        """The mesh with its own colours, and the patches."""
+        skin = dict(self.skin)
+        if "image" in skin:
+            skin["skin"] = skin["skin"].reshape(-1, 3, 2)[~is_new[: len(skin["skin"]) // 3]].reshape(-1, 2)
+        return [
+            Faces(vertices=self.vertices, faces=self.faces[~is_new], **skin, **MESH),
+            Faces(vertices=self.vertices, faces=self.faces[is_new], **PATCH),
+        ]
 
     def write_gltf(self, path: str | os.PathLike[str]) -> None:
         """See `Shown.to_gltf`."""
@@ -71,10 +89,9 @@ class Shape:
             return f"<p>{html.escape(facts)}; too many to show here: plot the result of to_pyvista().</p>"
         views = Views()
         layers: Sequence[Layer] = self.portrait(curvature=True).layers
-        if self.first_new is not None:
-            parts = (self.faces[: self.first_new], {**MESH, **self.skin}), (self.faces[self.first_new :], PATCH)
-            layers = [Faces(vertices=self.vertices, faces=faces, **look) for faces, look in parts]
-        scene = Scene(title=facts, layers=layers, unit="mesh units")
+        if self.is_new is not None:
+            layers = self._parts(self.is_new)
+        scene = Scene(title=facts, layers=layers, unit="mesh units", camera=self.camera, labels=self.labels)
         below = [table(self.loops[0], self.loops[1:])] if self.loops else []
         page = document(facts, [views.figure(scene), *below, views.script()], style=_FRAME_STYLE)
         return (
@@ -103,7 +120,9 @@ def shape_of(shown: Any) -> Shape:
         mean[curvature.vertices] = curvature.values
     values = {**mesh.vertex_attributes, MEAN: mean}
     if not isinstance(shown, FillResult):
-        return Shape(vertices=mesh.vertices, faces=mesh.faces, values=values, skin=skin_of(shown, mesh))
+        known = isinstance(shown, MeshFile) and shown.contents.face_loops is not None
+        is_new = shown.contents.loop_of_faces[shown.face_polygons] >= 0 if known else None
+        return Shape(vertices=mesh.vertices, faces=mesh.faces, values=values, skin=skin_of(shown, mesh), is_new=is_new)
     rows = [(str(o.index), str(len(o.loop)), o.kind or "open", str(o.faces_added), o.reason) for o in shown.loops]
     first = len(mesh.faces) - len(shown.extension.faces)
     return Shape(
@@ -113,7 +132,9 @@ def shape_of(shown: Any) -> Shape:
         skin=skin_of(
             shown.mesh, TriangleMesh(mesh.vertices, mesh.faces[:first], vertex_attributes=mesh.vertex_attributes)
         ),
-        first_new=first,
+        is_new=np.arange(len(mesh.faces)) >= first,
+        camera=fill_camera(shown),
+        labels=patch_labels(shown),
         loops=[("loop", "points", "patch", "new faces", "reason"), *rows],
     )
 

@@ -278,8 +278,8 @@ def test_a_different_surface_leaves_a_residual():
 
 def test_a_run_leaves_report_data_and_pictures(tmp_path):
     reported = []
-    (done,) = reproduce(["catenoid"], tmp_path / "new", quick=True, on_done=reported.append)
-    assert reported == [done]
+    reproduce(["catenoid"], tmp_path / "new", quick=True, on_start=reported.append)
+    assert reported == ["catenoid"]
     assert sorted(path.name for path in (tmp_path / "new").rglob("*") if path.is_file()) == [
         "catenoid.pdf",
         "catenoid.png",

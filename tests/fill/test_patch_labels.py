@@ -12,6 +12,7 @@ import trimesh
 from spinor_geom.adapters import read_mesh
 from spinor_geom.adapters.ply import read_records
 from spinor_geom.fill.fill_hole import fill_hole
+from spinor_geom.render.shapes import shape_of
 from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS
 from tests.fill.shapes import obj_text, tube
 
@@ -84,3 +85,13 @@ def test_a_vtk_file_that_is_appended_to_gets_the_patches(tmp_path: Path, suffix:
     filled.write(tmp_path / f"filled{suffix}")
     labels = np.asarray(pyvista.read(tmp_path / f"filled{suffix}").cell_data["patch"])
     np.testing.assert_array_equal(labels, [*[-1] * 64, *report.extension.face_loops])
+
+
+@pytest.mark.parametrize("suffix", [".obj", ".ply", ".vtp"])
+def test_patches_of_an_earlier_fill_are_known_shown_and_kept(suffix: str, tmp_path: Path) -> None:
+    wanted = filled_tube(tmp_path, tmp_path / f"filled{suffix}")
+    again = read_mesh(tmp_path / f"filled{suffix}")
+    np.testing.assert_array_equal(again.contents.face_loops, wanted)
+    np.testing.assert_array_equal(shape_of(again).is_new, wanted >= 0)
+    again.write(tmp_path / "converted.ply")
+    np.testing.assert_array_equal(read_mesh(tmp_path / "converted.ply").contents.face_loops, wanted)

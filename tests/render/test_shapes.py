@@ -146,7 +146,8 @@ def test_a_fill_is_shown_with_its_patches_and_a_table_of_its_loops() -> None:
     frame = report._repr_html_()
     assert "#f28e2b" in frame  # the colour of patches
     shape = shapes.shape_of(report)
-    assert shape.first_new == len(report.original.faces)
+    assert np.flatnonzero(shape.is_new)[0] == len(report.original.faces)
+    assert [text for _, text in shape.labels] == ["0", "1"]
     assert [row[:3] for row in shape.loops[1:]] == [
         (str(k), str(len(o.loop)), "minimal") for k, o in enumerate(report.loops)
     ]
