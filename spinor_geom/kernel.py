@@ -13,9 +13,12 @@ from spinor_geom.errors import CompiledPartError, OptionError, OutOfTimeError, S
 
 _INTEGER, _NUMBER = ctypes.c_int64, ctypes.c_double
 _INDICES = np.ctypeslib.ndpointer(np.int64, flags="C_CONTIGUOUS")
+_SHORT_INDICES = np.ctypeslib.ndpointer(np.int32, flags="C_CONTIGUOUS")
 _NUMBERS = np.ctypeslib.ndpointer(np.float64, flags="C_CONTIGUOUS")
 _POINTS = np.ctypeslib.ndpointer(np.complex128, flags="C_CONTIGUOUS")
 _REGION = (_INTEGER, _POINTS, _INDICES, _NUMBER, _NUMBER, _INTEGER, _POINTS, _NUMBERS, _INTEGER)  # see size_field.hpp
+
+_MATRIX = (_SHORT_INDICES, _SHORT_INDICES, _NUMBERS)  # starts of columns, rows, values
 
 # the arguments of each function, as in `cpp`
 FUNCTIONS: dict[str, tuple[Any, ...]] = {
@@ -26,6 +29,8 @@ FUNCTIONS: dict[str, tuple[Any, ...]] = {
         *(_INTEGER, _NUMBERS, _INDICES, _NUMBER, _NUMBER, _INTEGER, _NUMBERS, _NUMBERS, _INTEGER),  # a RegionOf<Point3>
         *(_INTEGER, _INTEGER, _INDICES, _NUMBER, _INTEGER, _INTEGER, _NUMBER, _NUMBERS, _INDICES, _INDICES),
     ),
+    "intrinsic_laplacian": (_INTEGER, _INTEGER, _NUMBERS, _INDICES, *_MATRIX),
+    "bending": (_INTEGER, _NUMBERS, _INTEGER, _INDICES, _NUMBER, *_MATRIX, _NUMBERS, _NUMBERS, _NUMBERS),
     "minimum_area_splits": (_INTEGER, _NUMBERS, _NUMBER, _NUMBER, _INDICES),
 }
 

@@ -21,7 +21,7 @@ from spinor_geom.deadline import is_out_of_time
 from spinor_geom.domain.delaunay import rim_successors, unique_edges
 from spinor_geom.errors import OutOfTimeError
 from spinor_geom.fill.collar import Collar
-from spinor_geom.mesh.operators import Bending, crossing_angles, factor_symmetric, internal_angles, mollified_laplacian
+from spinor_geom.mesh.operators import Bending, crossing_angles, factor_symmetric, internal_angles
 from spinor_geom.mesh.topology import HalfEdges
 from spinor_geom.meshing.embed import Patch
 
@@ -234,7 +234,7 @@ class _Equations:
     def _gradient_form(self, x: Positions, bending: Bending) -> csc_array:
         if self._known is None:
             return bending.laplacian
-        return mollified_laplacian(x, self._known)
+        return Bending.of(x, self._known).laplacian
 
     def _stiffness(self, x: Positions, bending: Bending) -> csc_array:
         """Derivative of the residual with respect to displacements along the normals, without lower-order terms."""

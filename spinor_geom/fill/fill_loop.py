@@ -45,6 +45,7 @@ from spinor_geom.plateau.steps import Clock
 # reason for a patch of an exact surface that `mesh_over_points` could not refine
 _COARSE = "its mesh of {} vertices has triangles larger than asked for (the limit on time or on vertices)"
 _SEARCHES = 2  # for intersections, before and after a patch is changed in its own frame
+_SEARCH_SECONDS = 3e-5  # for each face of a patch whose intersections are searched: measured are 1e-5 to 3e-5
 _SECONDS_TO_REPORT = 0.5  # for the intersections of a patch, at least, where its loop has no time left
 
 
@@ -148,7 +149,8 @@ class _Maker:
         with _until((perf_counter() + end) / 2):
             start = _start(self.loops[0], self.options) if solved is None else self._first_patch(solved)
         self.clock.lap("mesh")
-        start, search = self._fitted(start)
+        start = start.split(self.patched)
+        search = _SEARCH_SECONDS * len(start.patch.faces)
         self.options.on_stage(self.index, "continuation")
         # a film that is not solved yet needs half of the time
         end_of_continuation = (perf_counter() + end) / 2 if solved is None else end
@@ -163,6 +165,8 @@ class _Maker:
             if perf_counter() + _SEARCHES * search > end:
                 raise NotContinuedError(f"{NOT_CONTINUED}: {NO_TIME}")
             new = self._changed(start, continued)
+            if new.continuation is not None and len(new.crossings):
+                raise NotContinuedError(f"{NOT_CONTINUED}: {new.crossings.notes[0]}")
         except NotContinuedError as error:
             new = film()
             if new.kind == "strip":

@@ -66,11 +66,19 @@ class NewPatch:
 
     def fitted(self, patched: PatchedMesh) -> NewPatch:
         """Splits inner edges that are edges of the mesh or of another patch, then finds intersections."""
-        taken = patched.taken_chords(self.patch, self.rim)
-        patch = split_chords(self.patch, taken, self.surface) if len(taken) else self.patch
-        crossings = patched.crossings(patch)
-        return replace(self, patch=patch, edges_split=self.edges_split + len(taken), crossings=crossings)
+        new = self.split(patched)
+        return replace(new, crossings=patched.crossings(new.patch))
 
+    def split(self, patched: PatchedMesh) -> NewPatch:
+        """Splits inner edges that are edges of the mesh or of another patch."""
+        taken = patched.taken_chords(self.patch, self.rim)
+        if not len(taken):
+            return self
+        patch = split_chords(self.patch, taken, self.surface)
+        return replace(self, patch=patch, edges_split=self.edges_split + len(taken))
+
+
+_MARGIN = 0.5  # of the box in which a patch may grow, per diagonal of the patch
 
 # the mesh around a patch, the patch, and the unit of their coordinates
 Change: TypeAlias = Callable[[PatchedMesh, NewPatch, float], NewPatch]
@@ -94,7 +102,7 @@ def in_own_frame(patched: PatchedMesh, new: NewPatch, change: Change) -> tuple[N
     patch = new.patch.placed_by(frame.inverse, rim.points)
     patch = replace(patch, vertices=frame.rounded(patch.vertices))
     low, high = new.patch.vertices.min(axis=0), new.patch.vertices.max(axis=0)
-    margin = float(np.linalg.norm(high - low))
+    margin = _MARGIN * float(np.linalg.norm(high - low))
     near = patched.near((low - margin, high + margin), loop, frame)
     start = replace(
         new,

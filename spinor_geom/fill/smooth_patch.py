@@ -35,6 +35,7 @@ from spinor_geom.meshing.remeshing import remesh_region
 FILM_FROM = 65.0
 NO_TIME = "there was no time for it; raise time_limit (--time-limit)"
 NOT_CONTINUED = "the patch was not continued smoothly"
+_NOT_GOOD = "its shape is that of the smooth continuation, which is not good here"
 _MOST_REPLACED = 0.03  # share of the faces that clearing may replace
 # A continuation may have this many times the area of a spherical cap that meets the mesh smoothly: for a plane rim with
 # the angle θ between film and mesh, that is 2/(1 + cos θ) times the film's area. θ is at most the second value.
@@ -52,10 +53,11 @@ def smooth_patch(
 ) -> NewPatch:
     """The continuation of a mesh by a patch, without intersections that can be avoided.
 
-    The continuation is kept if it has converged without folds, has no more intersections than the film, angles of at
-    least 10° except between edges of the rim, few replaced faces, and not far more area than a spherical cap. It is
-    also kept, as not converged, if the film has more intersections. With `is_choice` the film is taken where it meets
-    the mesh at more than 65° (RMS), unless it intersects something.
+    The continuation is good if it has converged without folds, has no intersections, angles of at least 10° except
+    between edges of the rim, few replaced faces, and not far more area than a spherical cap. If it is not good, and the
+    film has more intersections, it is kept as a discrete patch without the measures of a continuation, with the reason.
+    If it has not converged, is folded or too large, that needs a patch without intersections. With `is_choice` the film
+    is taken where it meets the mesh at more than 65° (RMS), unless it intersects something.
 
     Args:
         patched: the mesh.
@@ -79,19 +81,25 @@ def smooth_patch(
         reason = _defect(smooth)
         if reason and not len(film().crossings):
             raise SurfaceError(reason)
-        smooth = _cleared(patched, smooth, lengths)
+        smooth = smooth.fitted(patched) if reason else _cleared(patched, smooth, lengths)
+        own = len(smooth.crossings)
+        if reason and own:
+            raise SurfaceError(reason)
         reason = reason or _defect(smooth) or _defect_of_clearing(smooth)
-        why = f"film and mesh {met}"
-        if reason or len(smooth.crossings):
-            own, films = len(smooth.crossings), len(film().crossings)
-            why = f"it has {own} pairs of intersecting faces, the film {films}"
-            if films < own or (films == own and reason):
-                raise SurfaceError(reason or why)
+        if not reason and not own:
+            choice = f"the continuation was chosen, because film and mesh {met}" if is_choice else ""
+            return replace(smooth, choice=choice)
+        films = len(film().crossings)
+        counts = f"it has {own} pairs of intersecting faces, the film {films}"
+        if films < own or (reason and films == own):
+            raise SurfaceError(reason or counts)
     except OutOfTimeError as error:
         raise NotContinuedError(f"{NOT_CONTINUED}: {NO_TIME}") from error
     except (SingularMatrixError, SurfaceError, TooManyPointsError) as error:
         raise NotContinuedError(f"{NOT_CONTINUED}: {in_mesh_units(error, unit)}") from error
-    return replace(smooth, choice=f"the continuation was chosen, because {why}" if is_choice else "", reason=reason)
+    reason = f"{_NOT_GOOD}: {'; '.join(filter(None, [reason, counts]))}"
+    choice = f"a discrete patch was chosen, because {counts}" if is_choice else ""
+    return replace(smooth, continuation=None, solution=None, choice=choice, reason=reason)
 
 
 def _continued(start: NewPatch, collar: Collar, before: Bend, lengths: EdgeLengths) -> NewPatch:

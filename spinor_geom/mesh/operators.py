@@ -14,6 +14,7 @@ from scipy.sparse.linalg import SuperLU, splu
 from spinor_geom.arrays import TINY, shifted
 from spinor_geom.deadline import require_time
 from spinor_geom.errors import NoFacesError, NonFiniteVertexError, SingularMatrixError
+from spinor_geom.kernel import call, checked
 from spinor_geom.mesh.array_checks import igl_arrays
 from spinor_geom.mesh.topology import HalfEdges
 
@@ -58,13 +59,25 @@ def mollified_edge_lengths(vertices: Vertices, faces: Faces) -> Float[np.ndarray
 
 def intrinsic_laplacian(lengths: Float[np.ndarray, "f 3"], faces: Faces, count: int) -> csc_array:
     """`cotangent_laplacian` of `count` vertices from the lengths of the edges opposite to the corners."""
-    if not len(faces):  # libigl would look for the largest index
-        return csc_array((count, count))
-    # of ratios, because areas are computed from fourth powers
-    laplacian = csc_array(igl.cotmatrix_intrinsic(*igl_arrays(lengths / max(lengths.max(), TINY), faces)))
-    np.negative(laplacian.data, out=laplacian.data)
-    laplacian.resize((count, count))  # the last vertices may be unused
-    return laplacian
+    matrix = _room(count, len(faces))
+    sides = np.ascontiguousarray(lengths, dtype=np.float64)
+    call("intrinsic_laplacian", count, len(faces), sides, _corners(faces, count), *matrix)
+    return _sparse(*matrix)
+
+
+def _corners(faces: Faces, count: int) -> Int[np.ndarray, "f 3"]:
+    return checked("faces", faces, np.int64, None, 3, least=0, most=count - 1)
+
+
+def _room(count: int, faces: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Room for the starts of columns, the rows and the values of a Laplacian."""
+    room = count + 6 * faces
+    return np.empty(count + 1, dtype=np.int32), np.empty(room, dtype=np.int32), np.empty(room)
+
+
+def _sparse(starts: np.ndarray, rows: np.ndarray, values: np.ndarray) -> csc_array:
+    count, filled = len(starts) - 1, starts[-1]
+    return csc_array((values[:filled], rows[:filled], starts), shape=(count, count))
 
 
 def mollified_laplacian(vertices: Vertices, faces: Faces) -> csc_array:
@@ -188,17 +201,11 @@ class Bending:
     @classmethod
     def of(cls, vertices: Float[np.ndarray, "n 3"], faces: Faces) -> Bending:
         """The bending of a mesh; 0 at unused vertices."""
-        n, flat = len(vertices), faces.ravel()
-        laplacian = mollified_laplacian(vertices, faces)
-        x = vertices - vertices.mean(axis=0)  # about the origin, because the areas are differences of squares
-        gradient = laplacian @ x
-        along = np.einsum("ik,ik->i", x, gradient)
-        circumcentric = (2 * along - laplacian @ np.einsum("ik,ik->i", x, x)) / 4
-        third = np.bincount(flat, np.repeat(face_areas(vertices, faces) / 3, 3), minlength=n)
-        areas = np.maximum(circumcentric, np.maximum(_LEAST_SHARE * third, TINY**0.5))
-        normals = vertex_normals(vertices, faces)
-        curvature = np.einsum("ik,ik->i", gradient, normals) / (2 * areas)
-        return cls(laplacian=laplacian, areas=areas, normals=normals, curvature=curvature)
+        n, f, matrix = len(vertices), len(faces), _room(len(vertices), len(faces))
+        areas, normals, curvature = np.empty(n), np.empty((n, 3)), np.empty(n)
+        points = np.ascontiguousarray(vertices, dtype=np.float64)
+        call("bending", n, points, f, _corners(faces, n), _LEAST_SHARE, *matrix, areas, normals, curvature)
+        return cls(laplacian=_sparse(*matrix), areas=areas, normals=normals, curvature=curvature)
 
 
 def radii_of_curvature(vertices: Float[np.ndarray, "n 3"], faces: Faces) -> Float[np.ndarray, " n"]:

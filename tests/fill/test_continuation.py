@@ -298,6 +298,23 @@ def test_what_would_cross_where_the_film_does_not_is_left_a_film() -> None:
     assert new[:, 2].max() < 0.5
 
 
+@pytest.mark.parametrize(("low", "kind"), [(0.2, "discrete"), (0.5, "minimal")])
+def test_what_crosses_the_mesh_is_not_called_smooth(low: float, kind: str) -> None:
+    sphere = icosphere(3)
+    bowl = without(sphere, centres(sphere)[:, 2] > 0.3)
+    # a pole through the dome, and through the film or not
+    pole = np.array([[0.0, 0.0, low], [0.2, 0.0, 3.0], [0.0, 0.2, 3.0]])
+    mesh = np.concatenate([bowl[0], pole]), np.concatenate([bowl[1], [len(bowl[0]) + np.arange(3)]])
+    new, outcome = continued(mesh, loop=max(boundary_loops(mesh), key=len))
+    assert (outcome.kind, outcome.continuation) == (kind, None)
+    if kind == "discrete":
+        assert "not good here: it has" in outcome.reason
+        assert outcome.reason in outcome.shortcomings[0]
+        assert rms(heights(new)) < 1e-3
+    else:
+        assert not outcome.intersections
+
+
 def test_a_discrete_patch_is_continued_too() -> None:
     sphere = trimesh.creation.uv_sphere(count=[32, 48])
     mesh = np.asarray(sphere.vertices), np.asarray(sphere.faces)
@@ -347,8 +364,9 @@ def test_a_continuation_with_a_defect_is_kept_only_if_it_crosses_less(
     _, outcome = continued(mesh, loop=0)
     assert not outcome.intersections
     if is_crossed:
-        assert (outcome.kind, outcome.converged) == ("smooth", False)
+        assert (outcome.kind, outcome.continuation, outcome.converged) == ("discrete", None, False)
         assert "after 7 steps the next" in outcome.reason
+        assert "the film" in outcome.reason
     else:
         assert (outcome.kind, outcome.converged) == ("minimal", True)
         assert "after 7 steps the next" in outcome.remarks[0]

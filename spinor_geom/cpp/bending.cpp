@@ -1,0 +1,140 @@
+// Cotangent Laplacians of triangle meshes, and their mean curvature. Called by operators.py through kernel.py.
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <utility>
+#include <vector>
+
+#include "entry.hpp"
+#include "point.hpp"
+
+namespace {
+
+using plane::Point3;
+
+constexpr double kSmallest = std::numeric_limits<double>::min();
+// Least excess of two sides of a mollified triangle over the third, per longest side: it bounds the cotangents.
+constexpr double kSlack = 1e-6;
+
+// The area of a triangle from the lengths of its sides (Kahan, Miscalculating area and angles of a needle-like triangle).
+double area(double a, double b, double c) {
+    if (a < b) std::swap(a, b);
+    if (b < c) std::swap(b, c);
+    if (a < b) std::swap(a, b);
+    return 0.25 * std::sqrt(std::max((a + (b + c)) * (c - (a - b)) * (c + (a - b)) * (a + (b - c)), 0.0));
+}
+
+// A symmetric sparse matrix by columns: the rows of the entries of column j are rows[starts[j]] to rows[starts[j + 1] - 1].
+struct Matrix {
+    int32_t *starts, *rows;
+    double* values;
+};
+
+// The Laplacian of `count` vertices from the lengths of the edges opposite to the corners of faces.
+void assemble(int64_t count, int64_t faces, const double* lengths, const int64_t* corners, Matrix matrix) {
+    double longest = kSmallest;
+    for (int64_t k = 0; k < 3 * faces; ++k) longest = std::max(longest, lengths[k]);
+    std::vector<int64_t> next(count + 1, 0);  // two entries for each corner, in the order of columns
+    for (int64_t k = 0; k < 3 * faces; ++k) next[corners[k] + 1] += 2;
+    for (int64_t j = 0; j < count; ++j) next[j + 1] += next[j];
+    std::vector<std::pair<int32_t, double>> entries(6 * faces);
+    for (int64_t t = 0; t < faces; ++t) {
+        const int64_t* v = corners + 3 * t;
+        std::array<double, 3> square;
+        std::array<double, 3> side;
+        // of ratios, because areas are computed from fourth powers
+        for (int k = 0; k < 3; ++k) side[k] = lengths[3 * t + k] / longest, square[k] = side[k] * side[k];
+        const double eight = 8 * area(side[0], side[1], side[2]);
+        for (int k = 0; k < 3; ++k) {
+            const int64_t i = v[(k + 1) % 3], j = v[(k + 2) % 3];
+            const double value = -(square[(k + 1) % 3] + square[(k + 2) % 3] - square[k]) / eight;  // half a cotangent
+            entries[next[i]++] = {static_cast<int32_t>(j), value};
+            entries[next[j]++] = {static_cast<int32_t>(i), value};
+        }
+    }
+    int32_t filled = 0;
+    int64_t first = 0;
+    for (int64_t j = 0; j < count; ++j) {
+        matrix.starts[j] = filled;
+        const int64_t last = next[j];
+        std::stable_sort(entries.begin() + first, entries.begin() + last,
+                         [](const auto& a, const auto& b) { return a.first < b.first; });
+        int32_t diagonal = -1;
+        double sum = 0;
+        for (int64_t k = first; k < last; ++k) {
+            const auto [i, value] = entries[k];
+            if (diagonal < 0 && i > j) diagonal = filled, matrix.rows[filled++] = static_cast<int32_t>(j);
+            if (k > first && entries[k - 1].first == i) {
+                matrix.values[filled - 1] += value;
+            } else {
+                matrix.rows[filled] = i, matrix.values[filled++] = value;
+            }
+            sum += value;
+        }
+        if (diagonal < 0 && last > first) diagonal = filled, matrix.rows[filled++] = static_cast<int32_t>(j);
+        if (diagonal >= 0) matrix.values[diagonal] = -sum;
+        first = last;
+    }
+    matrix.starts[count] = filled;
+}
+
+}  // namespace
+
+// The Laplacian of `count` vertices; `rows` and `values` have room for count + 6 faces entries.
+ENTRY_POINT int intrinsic_laplacian(
+    int64_t count, int64_t faces, const double* lengths, const int64_t* corners, int32_t* starts, int32_t* rows, double* values) {
+    return outcome_of([=] { assemble(count, faces, lengths, corners, {starts, rows, values}); });
+}
+
+// The Laplacian of mollified lengths, the areas, at least `least_share` of the barycentric ones, the unit normals and the
+// mean curvatures of a mesh's vertices.
+ENTRY_POINT int bending(
+    int64_t count, const Point3* vertices, int64_t faces, const int64_t* corners, double least_share, int32_t* starts,
+    int32_t* rows, double* values, double* areas, Point3* normals, double* curvature) {
+    return outcome_of([=] {
+        std::vector<double> lengths(3 * faces), third(count, 0.0);
+        std::fill(normals, normals + count, Point3{0, 0, 0});
+        double largest = 0;
+        for (int64_t t = 0; t < faces; ++t) {
+            const int64_t* v = corners + 3 * t;
+            const Point3 a = vertices[v[0]], b = vertices[v[1]], c = vertices[v[2]], twice = cross(b - a, c - a);
+            const double size = length(twice) / 6;
+            for (int k = 0; k < 3; ++k) {
+                third[v[k]] += size;
+                normals[v[k]] = normals[v[k]] + twice;
+            }
+            lengths[3 * t] = length(c - b), lengths[3 * t + 1] = length(a - c), lengths[3 * t + 2] = length(b - a);
+            largest = std::max({largest, lengths[3 * t], lengths[3 * t + 1], lengths[3 * t + 2]});
+        }
+        // fourth powers of the ratios of lengths, in the areas, must not underflow
+        const double least = std::max(std::pow(kSmallest, 0.2) * largest, kSmallest);
+        for (int64_t t = 0; t < faces; ++t) {
+            double* side = &lengths[3 * t];
+            const double longest = std::max({side[0], side[1], side[2]});
+            const double slack = side[0] + side[1] + side[2] - 2 * longest;
+            const double more = std::max(kSlack * std::max(longest, least) - slack, 0.0);
+            for (int k = 0; k < 3; ++k) side[k] += more;
+        }
+        assemble(count, faces, lengths.data(), corners, {starts, rows, values});
+        Point3 centre{0, 0, 0};  // about the origin, because the areas are differences of squares
+        for (int64_t i = 0; i < count; ++i) centre = centre + 1.0 / static_cast<double>(count) * vertices[i];
+        for (int64_t i = 0; i < count; ++i) {
+            const Point3 x = vertices[i] - centre;
+            Point3 gradient{0, 0, 0};
+            double of_squares = 0;
+            for (int32_t k = starts[i]; k < starts[i + 1]; ++k) {
+                const Point3 y = vertices[rows[k]] - centre;
+                gradient = gradient + values[k] * y;
+                of_squares += values[k] * dot(y, y);
+            }
+            const double circumcentric = (2 * dot(x, gradient) - of_squares) / 4;
+            areas[i] = std::max({circumcentric, least_share * third[i], std::sqrt(kSmallest)});
+            const double size = length(normals[i]);
+            normals[i] = size > 0 ? 1 / size * normals[i] : Point3{0, 0, 0};
+            curvature[i] = dot(gradient, normals[i]) / (2 * areas[i]);
+        }
+    });
+}
