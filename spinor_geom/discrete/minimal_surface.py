@@ -166,6 +166,18 @@ def surface_over_plane(
     return replace(surface, is_complete=plane.is_complete), plane
 
 
+def graded_surface(loop: BoundaryLoop, growth: float) -> tuple[DiscreteMinimalSurface, PlaneTriangulation]:
+    """A discrete surface of about the least area, with edges that grow inwards, and its plane triangulation.
+
+    Raises:
+        OutOfTimeError: the time limit was reached before there was a surface.
+    """
+    start, points = time.perf_counter(), _at_unit_size(loop)
+    _, plane, disk, failure = _first_descended(points, SizeField(growth=growth))
+    disk, plane = _or_flat(points, disk, plane, failure)
+    return _result(disk, loop.points, scale=loop.diagonal, centre=loop.centroid, start=start), plane
+
+
 def _at_unit_size(loop: BoundaryLoop) -> Float[np.ndarray, "m 3"]:
     return np.asarray((loop.points - loop.centroid) / loop.diagonal)
 
@@ -211,14 +223,7 @@ def _stationary_disk(
     The domain of the first disk is the unfolding, or else a round one. The domain of the final disk is the flattened
     first disk, or else the first domain.
     """
-    domain, failure = np.empty(0), ""
-    try:
-        domain = unfolded_loop(points)
-        first_plane, first = _descended(domain, SizeField(), points, FIRST_CHANGE)
-    except (DomainError, FirstFillError) as error:
-        domain = on_circle(points)
-        failure = f"it started from a round domain: {error}"
-        first_plane, first = _descended(domain, SizeField(), points, FIRST_CHANGE)
+    domain, first_plane, first, failure = _first_descended(points, SizeField())
     # an edge length for which the area can be lowered in several steps
     shortest = edge_length_of(first.areas[-1], min(MOST_POINTS, vertices_to_factor(seconds_left() / _STEPS)))
     length = None if target is None else max(target, shortest)
@@ -232,6 +237,27 @@ def _stationary_disk(
         plane, disk = replace(first_plane, is_complete=False), replace(first, converged=False)
         failure = "the time limit was reached after the first fill"
     plane = replace(plane, is_complete=plane.is_complete and length == target)
+    return _or_flat(points, disk, plane, failure)
+
+
+def _first_descended(
+    points: Float[np.ndarray, "m 3"], size: SizeField
+) -> tuple[Complex[np.ndarray, " m"], PlaneTriangulation, Disk, str]:
+    """The domain, triangulation and disk of a first fill, and why it is over a round domain if it is."""
+    failure = ""
+    try:
+        domain = unfolded_loop(points)
+        return domain, *_descended(domain, size, points, FIRST_CHANGE), failure
+    except (DomainError, FirstFillError) as error:
+        domain = on_circle(points)
+        failure = f"it started from a round domain: {error}"
+        return domain, *_descended(domain, size, points, FIRST_CHANGE), failure
+
+
+def _or_flat(
+    points: Float[np.ndarray, "m 3"], disk: Disk, plane: PlaneTriangulation, failure: str
+) -> tuple[Disk, PlaneTriangulation]:
+    """A disk, or where it failed the triangulation without inner vertices if that has less area."""
     if disk.converged and not failure:
         return disk, plane
     faces = disk_without_inner_points(points)

@@ -239,8 +239,9 @@ def _remeshed(
 
 
 def _plate(patch: Patch, collar: Collar) -> Faired:
-    """The thin plate, with edges that grow inwards."""
-    plate = thin_plate(_graded(patch, collar), collar)
+    """The thin plate, with edges that grow inwards; over one loop those of the patch itself if they are good."""
+    is_graded = not patch.hole_sizes and smallest_angles(patch)[1] >= SMALLEST_ANGLE
+    plate = thin_plate(patch if is_graded else _graded(patch, collar), collar)
     return plate if plate.is_good else thin_plate(_graded(plate.patch, collar), collar)
 
 

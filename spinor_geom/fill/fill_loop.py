@@ -13,7 +13,6 @@ import numpy as np
 from jaxtyping import Float
 
 from spinor_geom.deadline import time_limit
-from spinor_geom.discrete.area_descent import FIRST_CHANGE
 from spinor_geom.discrete.strip import ruled_annulus
 from spinor_geom.domain.sizes import GRADED, EdgeLengths
 from spinor_geom.errors import (
@@ -27,7 +26,7 @@ from spinor_geom.errors import (
     in_mesh_units,
 )
 from spinor_geom.fill.attributes import NORMAL, patch_attributes
-from spinor_geom.fill.discrete_patch import discrete_patch
+from spinor_geom.fill.discrete_patch import discrete_patch, graded_patch
 from spinor_geom.fill.fill_options import FillOptions
 from spinor_geom.fill.fill_result import LoopOutcome
 from spinor_geom.fill.new_patch import Change, NewPatch, in_own_frame
@@ -239,9 +238,9 @@ class _Maker:
 
 def _start(loop: BoundaryLoop, options: FillOptions) -> NewPatch:
     """A discrete surface of about the least area, from which the mesh is continued; raises as `discrete_patch`."""
-    patch, what = discrete_patch(loop, edge_length_over([loop], options.target_edge_length), FIRST_CHANGE)
+    patch = graded_patch(loop, edge_length_over([loop], options.target_edge_length))
     require_area(loop, 2 * patch.area / loop.perimeter)
-    return NewPatch(patch=patch, rims=[loop], reason=what)
+    return NewPatch(patch=patch, rims=[loop], reason="")
 
 
 def _exact_patch(solution: PlateauSolution, solved: SolvedLoop, options: FillOptions) -> NewPatch:
