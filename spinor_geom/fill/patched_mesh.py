@@ -16,6 +16,7 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.intersections import intersections_between, is_graph, self_intersections, sorted_pairs
 from spinor_geom.mesh.loop_frame import LoopFrame
 from spinor_geom.mesh.operators import vertex_angles
+from spinor_geom.mesh.topology import referenced_vertices
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.surface.array_surface import ArraySurface
@@ -145,7 +146,9 @@ class PatchedMesh:
 
     def faces_at(self, vertices: Int[np.ndarray, " k"]) -> Int[np.ndarray, " f"]:
         """The mesh faces with at least one of the vertices, ascending."""
-        return distinct(self._faces_of_vertices[vertices].indices)
+        is_at = np.zeros(len(self.mesh.faces), dtype=bool)
+        is_at[self._faces_of_vertices[vertices].indices] = True
+        return np.flatnonzero(is_at)
 
     @cached_property
     def _angles(self) -> Float[np.ndarray, " n"]:
@@ -239,17 +242,20 @@ class PatchedMesh:
         The loop's points come first, in the direction of the frame. The other vertices and the faces of the mesh are
         numbered by their local coordinates.
         """
+        count = len(self.mesh.vertices)
         corner = _Piece(np.stack(box), np.array([[0, 1, 1]]), np.zeros(1, dtype=np.int64))
         faces = distinct(np.concatenate([self._mesh_piece.meeting(corner), self.faces_at(loop.vertex_ids)]))
         for _ in range(_RINGS_BEYOND):
-            faces = self.faces_at(distinct(self.mesh.faces[faces]))
+            faces = self.faces_at(np.flatnonzero(referenced_vertices(self.mesh.faces[faces], vertices=count)))
         rim = loop.vertex_ids[frame.order(len(loop))]
-        others = np.setdiff1d(distinct(self.mesh.faces[faces]), rim, assume_unique=True)
+        is_other = referenced_vertices(self.mesh.faces[faces], vertices=count)
+        is_other[rim] = False
+        others = np.flatnonzero(is_other)
         x, y, z = frame.local(self.mesh.vertices[others]).T
         # about as quick as by one coordinate, and without equal values on regular meshes
         others = others[np.argsort(x + _SLANTS[0] * y + _SLANTS[1] * z, kind="stable")]
         ids = np.concatenate([rim, others])
-        places = np.empty(len(self.mesh.vertices), dtype=np.int64)
+        places = np.empty(count, dtype=np.int64)
         places[ids] = np.arange(len(ids))
         corners = places[self.mesh.faces[faces]]
         if frame.is_backward:

@@ -9,14 +9,12 @@ from collections.abc import Callable
 import igl.predicates
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.sparse import coo_array
 
 from spinor_geom.arrays import EPS, cross, norm, shifted
 from spinor_geom.errors import SelfCrossingLoopError
-from spinor_geom.mesh.array_checks import igl_arrays
+from spinor_geom.kernel import call
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, diagonals
-from spinor_geom.mesh.near_edges import near_edges
-from spinor_geom.mesh.topology import HalfEdges
+from spinor_geom.mesh.near_edges import AT_ONCE, near_edges
 
 Points = Float[np.ndarray, "k 3"]
 Chain = Float[np.ndarray, "m 3"]
@@ -39,17 +37,15 @@ def self_intersections(vertices: Points, faces: Faces) -> Pairs:
     Source: Shewchuk (1997), Adaptive precision floating-point arithmetic and fast robust geometric predicates; Guigue &
     Devillers (2003), Fast and robust triangle-triangle overlap test using orientation predicates.
     """
-    if not len(faces):
-        return np.zeros((0, 2), dtype=np.int64)
-    corners, indices = igl_arrays(vertices, faces)
-    # igl's test is exact for faces without a common vertex only
-    _, apart, _ = igl.predicates.find_self_intersections(corners, indices)
-    apart = apart.astype(np.int64)
-    shared = (indices[apart[:, 0], :, None] == indices[apart[:, 1], None, :]).any(axis=(1, 2))
-    pairs = np.concatenate([apart[~shared], _neighbours_not_separated(corners, indices)])
-    return sorted_pairs(
-        np.sort(pairs[_insides_meet(corners[indices[pairs[:, 0]]], corners[indices[pairs[:, 1]]])], axis=1)
-    )
+    corners = vertices[faces]
+
+    def meet(i: Numbers, j: Numbers) -> Bool[np.ndarray, " k"]:
+        # faces with the same vertices do not cross
+        differ = (np.sort(faces[i], axis=1) != np.sort(faces[j], axis=1)).any(axis=1)
+        differ[differ] = _insides_meet(corners[i[differ]], corners[j[differ]])
+        return differ
+
+    return sorted_pairs(_near_faces(corners, None, meet))
 
 
 def intersections_between(
@@ -64,21 +60,27 @@ def intersections_between(
 
     With `wanted` only the pairs for which it is True are tested.
     """
-    if not len(faces) or not len(other_faces):
-        return np.zeros((0, 2), dtype=np.int64)
-    corners, indices = igl_arrays(vertices, faces)
-    other_corners, other_indices = igl_arrays(other_vertices, other_faces)
-    if len(faces) > len(other_faces):  # igl builds a tree over the first mesh, which takes longer than a query
-        _, pairs, _ = igl.predicates.find_intersections(other_corners, other_indices, corners, indices)
-        pairs = pairs[:, ::-1].astype(np.int64)
-    else:
-        _, pairs, _ = igl.predicates.find_intersections(corners, indices, other_corners, other_indices)
-        pairs = pairs.astype(np.int64)
-    if wanted is not None:
-        pairs = pairs[wanted(pairs[:, 0], pairs[:, 1])]
-    f, g = corners[indices[pairs[:, 0]]], other_corners[other_indices[pairs[:, 1]]]
-    left = np.flatnonzero(~_are_separated(f, g))
-    return sorted_pairs(pairs[left[_insides_meet(f[left], g[left])]])
+    f, g = vertices[faces], other_vertices[other_faces]
+
+    def meet(i: Numbers, j: Numbers) -> Bool[np.ndarray, " k"]:
+        tested = np.ones(len(i), dtype=bool) if wanted is None else wanted(i, j)
+        tested[tested] = _insides_meet(f[i[tested]], g[j[tested]])
+        return tested
+
+    return sorted_pairs(_near_faces(f, g, meet))
+
+
+def _near_faces(f: Triangles, g: Triangles | None, meet: Callable[..., Bool[np.ndarray, " k"]]) -> Pairs:
+    """The pairs of f and g, or i < j of f, that are not clearly separated and for which `meet` is True."""
+    others, partners = (f[:0], -1) if g is None else (g, len(g))
+    f, others = (np.ascontiguousarray(triangles, dtype=np.float64) for triangles in (f, others))
+    near, done = np.empty((max(AT_ONCE, partners, len(f)), 2), dtype=np.int64), np.zeros(2, dtype=np.int64)
+    found: list[np.ndarray] = []
+    while not found or done[1] < len(f):
+        call("near_faces", len(f), f, partners, others, SEPARATION, int(done[1]), len(near), near, done)
+        i, j = near[: done[0]].T
+        found.append(near[: done[0]][meet(i, j)])
+    return np.concatenate(found)
 
 
 def is_graph(vertices: Points, faces: Faces, boundary_size: int) -> bool:
@@ -145,73 +147,6 @@ def require_simple(loop: BoundaryLoop) -> None:
 def sorted_pairs(pairs: Pairs) -> Pairs:
     """Pairs in ascending order of the first number, then of the second."""
     return np.asarray(pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))])
-
-
-def _neighbours_not_separated(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> Pairs:
-    """Pairs of different faces with common vertices that are not clearly separated.
-
-    Faces are separated if the faces around their vertex form a graph, or if one is on one side of the plane of the
-    other.
-    """
-    corners = np.ravel(faces)
-    folded = np.flatnonzero(~_are_graphs(vertices, faces)[corners])
-    incidence = coo_array(
-        (np.ones(len(folded), dtype=np.int64), (folded // 3, corners[folded])), shape=(len(faces), len(vertices))
-    ).tocsr()
-    common = (incidence @ incidence.T).tocoo()
-    wanted = (common.row < common.col) & (common.data < 3)
-    pairs = np.stack([common.row[wanted], common.col[wanted]], axis=1).astype(np.int64)
-    f, g = vertices[faces[pairs[:, 0]]], vertices[faces[pairs[:, 1]]]
-    return np.asarray(pairs[~_are_separated(f, g)])
-
-
-def _are_graphs(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> Bool[np.ndarray, " n"]:
-    """Whether the faces around each vertex are clearly a graph over a plane, so that no two of them cross.
-
-    They are if they are connected by edges, project with their orientation along the sum of their normals, and go
-    around the vertex at most once.
-    """
-    half_edges, count = HalfEdges.of(faces), len(vertices)
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    normals = cross(b - a, c - a)
-    length = norm(normals)
-    corners = np.ravel(faces)
-    axis = np.stack([np.bincount(corners, np.repeat(normals[:, k], 3), count) for k in range(3)], axis=1)[corners]
-    size = norm(axis)
-    upward = np.einsum("ci,ci->c", axis, np.repeat(normals, 3, axis=0))
-    least = MIN_NORMAL_COSINE * size * np.repeat(length, 3)
-    # angles at the corners between the projections of the sides
-    sides = np.stack([b - a, c - b, a - c], axis=1)
-    ahead, back = sides.reshape(-1, 3), -shifted(sides, 1, axis=1).reshape(-1, 3)
-    squared = np.where(size > 0, size**2, 1.0)
-    flat = (ahead * back).sum(axis=1) - (ahead * axis).sum(axis=1) * (back * axis).sum(axis=1) / squared
-    angle = np.bincount(corners, np.arctan2(upward / np.sqrt(squared), flat), count)
-    faces_at, ends = np.bincount(corners, minlength=count), half_edges.order[half_edges.starts[:-1]]
-    edges_at = np.bincount(half_edges.origin[ends], minlength=count) + np.bincount(
-        half_edges.target[ends], minlength=count
-    )
-    is_closed = edges_at == faces_at
-    good = (is_closed & (angle < 3 * np.pi)) | ((edges_at == faces_at + 1) & (angle < 2 * np.pi - LEAST_ANGLE))
-    good[corners[~(upward > least)]] = False
-    # edges with faces of equal directions, or with more than two faces
-    wrong = half_edges.is_open & (half_edges.twin >= 0)
-    wrong[half_edges.order[np.repeat(half_edges.counts > 2, half_edges.counts)]] = True
-    good[half_edges.origin[wrong]] = good[half_edges.target[wrong]] = False
-    return np.asarray(good)
-
-
-def _are_separated(f: Triangles, g: Triangles) -> Bool[np.ndarray, " k"]:
-    """Whether the other triangle, except common corners, is clearly on one side of the plane of one of them."""
-    f, g = (np.ascontiguousarray(np.moveaxis(t, 0, 2)) for t in (f, g))  # sums over a short last axis are slow
-    common = (f[:, None] == g).all(axis=2)
-    limit = SEPARATION * np.ptp(np.concatenate([f, g]), axis=0).max(axis=0) ** 3
-    separated = np.zeros(f.shape[2], dtype=bool)
-    for one, other, shared in ((f, g, common.any(axis=0)), (g, f, common.any(axis=1))):
-        normals = cross((one[1] - one[0]).T, (one[2] - one[0]).T).T
-        heights = ((other - one[0]) * normals).sum(axis=1)
-        beside = ((heights > limit) | shared).all(axis=0) | ((heights < -limit) | shared).all(axis=0)
-        separated |= beside & ~shared.all(axis=0)
-    return separated
 
 
 def _insides_meet(f: Triangles, g: Triangles) -> Bool[np.ndarray, " k"]:

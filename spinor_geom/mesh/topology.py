@@ -7,11 +7,10 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from spinor_geom.arrays import norm
+from spinor_geom.kernel import call, checked
 
 # Vertices farther apart than this share of their edges are not merged, so fine parts of large meshes are unchanged.
 SHARE_OF_EDGE = 1e-2
@@ -34,11 +33,15 @@ class HalfEdges:
         """The half-edges of faces given by non-negative vertex indices."""
         origin = np.ascontiguousarray(faces, dtype=np.int64).reshape(-1)
         target = faces[:, [1, 2, 0]].astype(np.int64, copy=False).reshape(-1)
-        low, high = np.minimum(origin, target), np.maximum(origin, target)
-        order = np.argsort(low * (high.max(initial=0) + 1) + high, kind="stable")
-        first_end, second_end = low[order], high[order]
-        is_first = (first_end[1:] != first_end[:-1]) | (second_end[1:] != second_end[:-1])
-        starts = np.append(np.flatnonzero(np.append(True, is_first)[: len(order)]), len(order))
+        order, starts, edges = (
+            np.empty_like(origin),
+            np.empty(len(origin) + 1, dtype=np.int64),
+            np.zeros(1, dtype=np.int64),
+        )
+        corners = checked("faces", faces, np.int64, None, 3, least=0)
+        vertices = int(origin.max(initial=-1)) + 1
+        call("group_half_edges", len(corners), corners, vertices, order, starts, edges)
+        starts = starts[: edges[0] + 1].copy()
         return cls(origin=origin, target=target, order=order, starts=starts)
 
     @cached_property
@@ -151,8 +154,10 @@ def face_components(faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, " f"]:
 
 def linked(pairs: Int[np.ndarray, "k 2"], count: int) -> Int[np.ndarray, " {count}"]:
     """Connected component, from 0, of each of the `count` nodes of a graph with the edges `pairs`."""
-    graph = csr_array((np.ones(len(pairs)), pairs.T), shape=(count, count))
-    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
+    labels = np.empty(count, dtype=np.int64)
+    pairs = checked("pairs", pairs, np.int64, None, 2, least=0, most=count - 1)
+    call("components", len(pairs), pairs, count, labels)
+    return labels
 
 
 def referenced_vertices(faces: Int[np.ndarray, "*any"], *, vertices: int) -> Bool[np.ndarray, " {vertices}"]:

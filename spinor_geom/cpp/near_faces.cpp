@@ -1,0 +1,187 @@
+// Pairs of triangles in space that may cross. Called by intersections.py through kernel.py.
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <utility>
+#include <vector>
+
+#include "entry.hpp"
+#include "point.hpp"
+
+namespace {
+
+using namespace plane;
+
+using Corners = std::array<Point3, 3>;
+
+constexpr double kFlat = 1e-12;  // sine of an angle above which rounding cannot change its sign
+
+struct Box {
+    Point3 low{kInfinity, kInfinity, kInfinity}, high{-kInfinity, -kInfinity, -kInfinity};
+
+    Box() = default;
+    explicit Box(const Corners& t) : low(plane::low(t[0], plane::low(t[1], t[2]))), high(plane::high(t[0], plane::high(t[1], t[2]))) {}
+    Box(const Box& a, const Box& b) : low(plane::low(a.low, b.low)), high(plane::high(a.high, b.high)) {}
+
+    bool meets(const Box& other) const {
+        return low.x <= other.high.x && other.low.x <= high.x && low.y <= other.high.y && other.low.y <= high.y &&
+               low.z <= other.high.z && other.low.z <= high.z;
+    }
+};
+
+// The bits of a number from 0 to 1023, with two zeros after each.
+uint32_t spread(uint32_t bits) {
+    bits = (bits | bits << 16) & 0x030000FF;
+    bits = (bits | bits << 8) & 0x0300F00F;
+    bits = (bits | bits << 4) & 0x030C30C3;
+    return (bits | bits << 2) & 0x09249249;
+}
+
+// A binary tree of boxes over triangles in Morton order: node k has the children 2k and 2k + 1.
+class BoxTree {
+public:
+    explicit BoxTree(const std::vector<Corners>& triangles) {
+        std::vector<Box> own;
+        Box all;
+        for (const Corners& t : triangles) own.emplace_back(t), all = Box(all, own.back());
+        std::vector<std::pair<uint32_t, int64_t>> keys;
+        for (size_t i = 0; i < own.size(); ++i) {
+            uint32_t key = 0;
+            for (int k = 0; k < 3; ++k) {
+                const double first = coordinate(all.low, k), size = std::max(coordinate(all.high, k) - first, kTiny);
+                const double middle = 0.5 * coordinate(own[i].low, k) + 0.5 * coordinate(own[i].high, k);
+                const double share = (middle - first) / size;
+                key |= spread(share > 0 ? static_cast<uint32_t>(std::min(1023.0, 1024 * share)) : 0) << k;
+            }
+            keys.emplace_back(key, static_cast<int64_t>(i));
+        }
+        std::sort(keys.begin(), keys.end());
+        while (leaves_ < own.size()) leaves_ *= 2;
+        boxes_.resize(2 * leaves_);
+        for (size_t i = 0; i < keys.size(); ++i) {
+            number_.push_back(keys[i].second);
+            boxes_[leaves_ + i] = own[keys[i].second];
+        }
+        for (size_t node = leaves_ - 1; node > 0; --node) boxes_[node] = Box(boxes_[2 * node], boxes_[2 * node + 1]);
+    }
+
+    // Calls a function with the number of each triangle whose box meets a box.
+    template <typename Function>
+    void each(const Box& box, std::vector<size_t>& stack, Function function) const {
+        stack.assign(1, 1);
+        while (!stack.empty()) {
+            const size_t node = stack.back();
+            stack.pop_back();
+            if (!boxes_[node].meets(box)) continue;
+            if (node >= leaves_) {
+                function(number_[node - leaves_]);
+            } else {
+                stack.push_back(2 * node);
+                stack.push_back(2 * node + 1);
+            }
+        }
+    }
+
+private:
+    size_t leaves_ = 1;
+    std::vector<Box> boxes_;
+    std::vector<int64_t> number_;
+};
+
+bool equal(Point3 a, Point3 b) { return a.x == b.x && a.y == b.y && a.z == b.z; }
+
+// Whether the corners of g, except those of f, are clearly on one side of the plane of f. `limit` is a volume.
+bool is_beside(const Corners& f, Point3 normal, const Corners& g, const std::array<bool, 3>& is_common, double limit) {
+    bool is_above = true, is_below = true;
+    for (int k = 0; k < 3; ++k) {
+        if (is_common[k]) continue;
+        const double height = dot(g[k] - f[0], normal);
+        is_above = is_above && height > limit;
+        is_below = is_below && height < -limit;
+    }
+    return is_above || is_below;
+}
+
+// Whether the directions a and b are clearly on one side of the direction p.
+bool on_one_side(Point p, Point a, Point b, double sign) {
+    const auto is_left = [&](Point q) { return sign * cross(p, q) > kFlat * length(p) * length(q); };
+    return is_left(a) && is_left(b);
+}
+
+// Whether two triangles with common corners clearly have no other common points: their projections along the sum of
+// their normals have none.
+bool meet_only_at_corners(const Corners& f, const Corners& g, Point3 n, Point3 m, const std::array<int, 3>& partner, int common) {
+    const double n_size = length(n), m_size = length(m);
+    if (!(n_size > 0 && m_size > 0)) return false;
+    const Point3 axis = 1 / n_size * n + (dot(n, m) < 0 ? -1 : 1) / m_size * m;
+    // any two directions across the axis
+    Point3 u = std::abs(axis.x) < std::abs(axis.y) ? Point3{1, 0, 0} : Point3{0, 1, 0};
+    u = cross(axis, u);
+    const Point3 v = 1 / length(axis) * cross(axis, u);
+    int own = 0;
+    while (partner[own] < 0) ++own;
+    const Point3 from = f[own];
+    const auto flat = [&](Point3 p) { return Point{dot(p - from, u), dot(p - from, v)}; };
+    Point p = flat(f[(own + 1) % 3]), q = flat(f[(own + 2) % 3]);
+    if (common == 2) {
+        const int second = partner[(own + 1) % 3] >= 0 ? (own + 1) % 3 : (own + 2) % 3;
+        const Point side = flat(f[second]), apex = flat(f[3 - own - second]);
+        const Point other = flat(g[3 - partner[own] - partner[second]]);
+        const double least = kFlat * length(side), one = cross(side, apex), two = cross(side, other);
+        return one * two < 0 && std::abs(one) > least * length(apex) && std::abs(two) > least * length(other);
+    }
+    Point r = flat(g[(partner[own] + 1) % 3]), s = flat(g[(partner[own] + 2) % 3]);
+    if (cross(p, q) < 0) std::swap(p, q);
+    if (cross(r, s) < 0) std::swap(r, s);
+    if (!on_one_side(p, q, q, 1) || !on_one_side(r, s, s, 1)) return false;
+    return on_one_side(p, r, s, -1) || on_one_side(q, r, s, 1) || on_one_side(r, p, q, -1) || on_one_side(s, p, q, 1);
+}
+
+// Whether two triangles clearly have no common points but common corners.
+bool are_separated(const Corners& f, const Corners& g, double separation) {
+    std::array<int, 3> partner{-1, -1, -1};  // the corner of g that is a corner of f
+    std::array<bool, 3> of_f{}, of_g{};
+    int common = 0;
+    for (int i = 0; i < 3; ++i)
+        for (int j = 0; j < 3; ++j)
+            if (equal(f[i], g[j])) partner[i] = j, of_f[i] = of_g[j] = true, ++common;
+    if (common > 2) return false;
+    const Box both(Box(f), Box{g});
+    const Point3 extent = both.high - both.low;
+    const double size = std::max({extent.x, extent.y, extent.z}), limit = separation * size * size * size;
+    const Point3 n = cross(f[1] - f[0], f[2] - f[0]), m = cross(g[1] - g[0], g[2] - g[0]);
+    if (is_beside(f, n, g, of_g, limit) || is_beside(g, m, f, of_f, limit)) return true;
+    return common > 0 && meet_only_at_corners(f, g, n, m, partner, common);
+}
+
+}  // namespace
+
+// Pairs of one of `count` triangles and one of `other_count` others, or of two of the first ones if `other_count` is -1, that
+// are not clearly separated. `separation` is a volume per cubed extent of a pair. `pairs` is filled with those of triangle
+// first, first + 1, ..., as far as all pairs of the last one fit; its length is `room`, at least the number of partners.
+// `done` becomes the number of pairs and the next `first`.
+ENTRY_POINT int near_faces(
+    int64_t count, const double* triangles, int64_t other_count, const double* others, double separation, int64_t first,
+    int64_t room, int64_t* pairs, int64_t* done) {
+    return outcome_of([=] {
+        const auto* f = reinterpret_cast<const Corners*>(triangles);
+        const bool is_same = other_count < 0;
+        const auto* g = is_same ? f : reinterpret_cast<const Corners*>(others);
+        const int64_t partners = is_same ? count : other_count;
+        const std::vector<Corners> all(g, g + partners);
+        const BoxTree tree(all);
+        std::vector<size_t> stack;
+        done[0] = 0;
+        for (done[1] = first; done[1] < count && done[0] + partners <= room; ++done[1]) {
+            const Corners& own = f[done[1]];
+            tree.each(Box(own), stack, [&](int64_t j) {
+                if ((is_same && j <= done[1]) || are_separated(own, g[j], separation)) return;
+                pairs[2 * done[0]] = done[1];
+                pairs[2 * done[0] + 1] = j;
+                ++done[0];
+            });
+        }
+    });
+}
