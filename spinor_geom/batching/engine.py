@@ -19,7 +19,7 @@ from spinor_geom.batching.settings import BatchOptions, Limits, What
 from spinor_geom.batching.store import Store, log_line, opened_store
 from spinor_geom.batching.workers import Workers, open_workers, run_block
 from spinor_geom.errors import BatchError, OptionError, require, require_positive
-from spinor_geom.fill.fill_options import TIME_LIMIT, ContinuityName, Islands
+from spinor_geom.fill.fill_options import TIME_LIMIT, Bridge, ContinuityName, Islands
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -90,7 +90,7 @@ def batch(
     what: What = "fill",
     format: str | None = None,
     loop: Literal["all"] | int | Sequence[int] = "all",
-    bridge: Sequence[int] | None = None,
+    bridge: Bridge | None = None,
     islands: Islands = "ignore",
     continuity: ContinuityName = "C0",
     merge: bool | float = False,

@@ -53,11 +53,12 @@ class BatchOptions(Choice, PatchOptions):
 
 
 def _as_json(name: str, value: Any) -> Any:
-    """One loop index as an int, several as a list of ints; "all" and None unchanged."""
+    """One loop index as an int, several as a list of ints, bridges as lists of them; "all" and None unchanged."""
     if value is None or (isinstance(value, str) and value == "all"):
         return value
     try:
-        return [operator.index(place) for place in value] if isinstance(value, Iterable) else operator.index(value)
+        is_one = isinstance(value, str) or not isinstance(value, Iterable)
+        return operator.index(value) if is_one else [_as_json(name, part) for part in value]
     except TypeError:
         raise OptionError(f"{name} must be one or several loop indices, not {value!r}") from None
 

@@ -248,11 +248,11 @@ def _add_fill(commands: _Commands) -> None:
 
 def _add_filling(parser: argparse.ArgumentParser) -> None:
     """The options of `fill` and `batch`: which loops are filled, and how."""
-    add, which = parser.add_argument, parser.add_mutually_exclusive_group()
+    add = parser.add_argument
     only = "fill only these loops (indices from 'spinor-geom loops'), also borders of sheets; may be repeated"
-    which.add_argument("--loop", **_LOOP, help=f"{only} (default: all holes)")
-    together = "connect these loops by one surface, and fill no others"
-    which.add_argument("--bridge", metavar="I,J[,K…]", type=_loops, help=together)
+    add("--loop", **_LOOP, help=f"{only} (default: all holes)")
+    together = "connect these loops by one surface, and fill only those others that are named; may be repeated"
+    add("--bridge", metavar="I,J[,K…]", type=_loops, action="append", help=together)
     loose = "loose pieces in a hole: connect them to its rim (join), or fill each loop separately (ignore, default)"
     add("--islands", choices=ISLANDS, default="ignore", help=loose)
     minimal = "C0 or film: minimal surfaces, which meet the mesh at an angle (default)"

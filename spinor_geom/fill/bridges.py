@@ -8,7 +8,7 @@ from time import perf_counter
 
 import numpy as np
 
-from spinor_geom.errors import OptionError, SpinorGeomError, SurfaceError, TwistedRimsError
+from spinor_geom.errors import SpinorGeomError, SurfaceError, TwistedRimsError
 from spinor_geom.fill.fill_loop import fill_loop
 from spinor_geom.fill.fill_options import FillOptions, Islands
 from spinor_geom.fill.fill_result import LoopOutcome
@@ -33,28 +33,20 @@ def planned_joins(
     loops: Sequence[BoundaryLoop],
     wanted: Collection[int],
     islands: Islands,
-    bridge: Sequence[int] | None,
+    bridges: Sequence[Sequence[int]],
 ) -> tuple[dict[int, tuple[int, ...]], dict[int, str]]:
-    """The loops of a bridge, or the holes and islands among the `wanted` loops, that are to be joined.
+    """The loops of bridges, and the holes and islands among the other `wanted` loops, that are to be joined.
 
     Returns:
         The other loops of each join, by the index of its first loop, and remarks on islands, by the hole's index.
-
-    Raises:
-        OptionError: a bridge has fewer than two loops, or one of them twice.
     """
-    if bridge is not None:
-        if len(bridge) < 2:
-            raise OptionError(f"a bridge joins two or more loops, got {len(bridge)}; add a loop, or use loop=")
-        first, *others = sorted(bridge)
-        if twice := [index for index in bridge if list(bridge).count(index) > 1]:
-            raise OptionError(f"a bridge joins different loops, got loop {twice[0]} twice; remove one of them")
-        return {first: tuple(others)}, {}
-    joins, notes = dict[int, tuple[int, ...]](), dict[int, str]()
-    for hole, pieces in find_islands(mesh, loops, sheets).items():
-        if hole not in wanted:
+    joins = {min(bridge): tuple(sorted(bridge)[1:]) for bridge in bridges}
+    notes = dict[int, str]()
+    alone = {*wanted} - {index for bridge in bridges for index in bridge}
+    for hole, pieces in find_islands(mesh, loops, sheets).items() if alone else ():
+        if hole not in alone:
             continue
-        joined = [] if islands == "ignore" else [piece for piece in pieces if piece in wanted]
+        joined = [] if islands == "ignore" else [piece for piece in pieces if piece in alone]
         names = ", ".join(map(str, joined or pieces))
         what = "joined to it" if joined else "ignored; islands='join' joins them"
         notes[hole] = f"loose pieces in the hole (loop indices: {names}): {what}"

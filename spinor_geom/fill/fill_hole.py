@@ -4,12 +4,20 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypedDict, TypeVar, overload
 
 from spinor_geom.adapters import MeshFile, read_mesh, to_mesh
 from spinor_geom.errors import ImperfectFillWarning
-from spinor_geom.fill.fill_options import TIME_LIMIT, Choice, ContinuityName, FillOptions, Islands, LoopContinuity
+from spinor_geom.fill.fill_options import (
+    TIME_LIMIT,
+    Bridge,
+    Choice,
+    ContinuityName,
+    FillOptions,
+    Islands,
+    LoopContinuity,
+)
 from spinor_geom.fill.fill_result import FillResult, LoopOutcome
 from spinor_geom.fill.filling import Filling
 from spinor_geom.fill.loop_choice import LoopChoice
@@ -31,7 +39,7 @@ _MOST_WARNED = 5  # shortcomings listed in one warning
 class _Rest(TypedDict, total=False):
     """The options of `fill_hole` that its return type does not depend on."""
 
-    bridge: Sequence[int] | None
+    bridge: Bridge | None
     islands: Islands
     continuity: ContinuityName | LoopContinuity
     merge: bool | float
@@ -65,7 +73,7 @@ def fill_hole(
     mesh: Any,
     loop: LoopChoice = "all",
     *,
-    bridge: Sequence[int] | None = None,
+    bridge: Bridge | None = None,
     islands: Islands = "ignore",
     continuity: ContinuityName | LoopContinuity = "C0",
     merge: bool | float = False,
@@ -97,7 +105,8 @@ def fill_hole(
     Args:
         mesh: a path, a (vertices, faces) pair of arrays or tensors, or any mesh type that has an adapter.
         loop: which holes: "all", an index of `boundary_loops(mesh)`, several indices, or one of those loops.
-        bridge: two or more indices; joins these loops by one minimal surface, and fills no other.
+        bridge: two or more indices; joins these loops by one minimal surface, and fills only those others that `loop`
+            names. Or several such groups: `[(0, 1), (2, 3)]`.
         islands: "join" joins a hole and the loose pieces in it by one surface, "ignore" fills them separately; the
             report lists the loose pieces in each hole.
         continuity: "C0" or "film" for the minimal surface over each rim; "C1" or "smooth" for a patch that continues

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from numbers import Integral, Real
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, cast, get_args
 
 from spinor_geom.errors import OptionError, require_positive
 
@@ -18,6 +18,7 @@ Continuity: TypeAlias = Literal["C0", "C1", "auto"]
 ContinuityName: TypeAlias = Continuity | Literal["c0", "film", "c1", "smooth"]
 LoopContinuity: TypeAlias = Mapping[int | Literal["default"], ContinuityName]
 Islands: TypeAlias = Literal["join", "ignore"]
+Bridge: TypeAlias = Sequence[int] | Sequence[Sequence[int]]
 
 # the continuity of each spelling, in lower case
 CONTINUITIES: dict[str, Continuity] = {"c0": "C0", "film": "C0", "c1": "C1", "smooth": "C1", "auto": "auto"}
@@ -31,7 +32,7 @@ class Choice:
     """The options of `fill_hole` and `batch` that choose loops; raises OptionError."""
 
     loop: LoopChoice = "all"
-    bridge: Sequence[int] | None = None
+    bridge: Bridge | None = None
     islands: Islands = "ignore"
     keep_largest: bool = False
     max_perimeter: float | None = None
@@ -41,21 +42,34 @@ class Choice:
             raise OptionError(f"islands must be 'join' or 'ignore', not {self.islands!r}")
         if self.max_perimeter is not None:
             require_positive("max_perimeter", self.max_perimeter)
-        if self.bridge is not None and (isinstance(self.bridge, str) or not isinstance(self.bridge, Iterable)):
-            raise OptionError(f"bridge must be several loop indices, such as (0, 1), not {self.bridge!r}")
-        if self.bridge is not None and not self._is_all:
-            raise OptionError(
-                "bridge and loop exclude each other: a bridge fills no other loop; fill the others in a second call"
-            )
+        every = [index for loops in self.bridges for index in loops]
+        if short := [loops for loops in self.bridges if len(loops) < 2]:
+            raise OptionError(f"a bridge joins two or more loops, got {len(short[0])}; add a loop, or use loop=")
+        if twice := [index for index in every if every.count(index) > 1]:
+            raise OptionError(f"bridges join different loops, got loop {twice[0]} twice; remove one of them")
 
     @property
-    def _is_all(self) -> bool:
+    def bridges(self) -> list[list[int]]:
+        """The loops of each bridge."""
+        if self.bridge is None:
+            return []
+        if isinstance(self.bridge, str) or not isinstance(self.bridge, Iterable):
+            raise OptionError(f"bridge must be several loop indices, such as (0, 1), not {self.bridge!r}")
+        own = [list(loops) if isinstance(loops, Iterable) else loops for loops in self.bridge]
+        several = [loops for loops in own if isinstance(loops, list)]
+        if several and len(several) < len(own):
+            raise OptionError(f"bridge must be loop indices or several lists of them, not {self.bridge!r}")
+        return several or [cast("list[int]", own)]
+
+    @property
+    def is_all(self) -> bool:
+        """Whether all loops are chosen that are in no bridge; with a bridge, none is."""
         return isinstance(self.loop, str) and self.loop == "all"
 
     @property
     def names_loops(self) -> bool:
         """Whether loops are named; named seams and borders of sheets are filled, too."""
-        return not self._is_all or self.bridge is not None
+        return not self.is_all or self.bridge is not None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,7 +17,7 @@ from spinor_geom.fill.loop_choice import chosen_indices, reasons_to_leave_open
 from spinor_geom.fill.mesh_notes import mesh_notes, useful_merging
 from spinor_geom.fill.no_holes import require_hole, require_no_seams
 from spinor_geom.fill.patched_mesh import LoopPatch, PatchedMesh, stitch
-from spinor_geom.fill.solved_loops import SolvedLoop
+from spinor_geom.fill.solved_loops import SolvedLoop, solved_loops
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.find_loops import Sheets, find_boundary_loops
 from spinor_geom.mesh.topology import is_watertight_with
@@ -44,10 +44,12 @@ class Filling:
         self._merging = useful_merging(mesh, self.loops)
         self.mesh_notes = mesh_notes(mesh, self.loops, sheets, self._merging)
         self._unclosed = sheets.unclosed(mesh.faces, len(mesh.vertices))
-        self._options, self._names_loops = options, choice.names_loops
+        self._options = options
         chosen_indices(options.named_loops, self.loops)  # raises
-        indices = chosen_indices(choice.loop if choice.bridge is None else choice.bridge, self.loops)
+        bridged = chosen_indices([index for bridge in choice.bridges for index in bridge], self.loops)
+        indices = chosen_indices([] if bridged and choice.is_all else choice.loop, self.loops)
         reasons = reasons_to_leave_open(self.loops, indices, choice)
+        reasons = {index: reason for index, reason in reasons.items() if index not in bridged}
         if isinstance(choice.loop, BoundaryLoop):
             own, given = self.loops[indices[0]], choice.loop
             self.loops[indices[0]] = replace(
@@ -58,24 +60,23 @@ class Filling:
                 corners_given=given.corners_given,
             )
         wanted = [index for index in range(len(self.loops)) if index not in reasons]
-        self._joins, self._notes = planned_joins(mesh, sheets, self.loops, wanted, choice.islands, choice.bridge)
+        self._joins, self._notes = planned_joins(mesh, sheets, self.loops, wanted, choice.islands, choice.bridges)
         joined = {index for first, others in self._joins.items() for index in (first, *others)}
         self.patched = PatchedMesh(mesh, self.loops)
         self.left_open = {index: unfilled(index, self.loops[index], reason) for index, reason in reasons.items()}
         alone = [index for index in wanted if index not in joined]
         for index in alone:
-            if error := self._error_of(self.loops[index]):
+            if error := self._error_of(self.loops[index], is_named=choice.names_loops):
                 self.left_open[index] = unfilled(index, self.loops[index], error)
-        self.rims = [self.loops[index] for index in alone if index not in self.left_open and self._is_film(index)]
+        self.rims = [
+            self.loops[index] for index in alone if index not in self.left_open and options.continuity_of(index) == "C0"
+        ]
 
-    def _is_film(self, index: int) -> bool:
-        return self._options.continuity_of(index) == "C0"
-
-    def _error_of(self, loop: BoundaryLoop) -> SpinorGeomError | None:
+    def _error_of(self, loop: BoundaryLoop, *, is_named: bool) -> SpinorGeomError | None:
         """The error of a loop that is not a hole, or None."""
         try:
             require_hole(loop, self.patched, self._merging)
-            if not self._names_loops:
+            if not is_named:
                 require_no_seams(loop)
                 require_no_border(self.patched, loop)
         except SpinorGeomError as error:
@@ -89,24 +90,15 @@ class Filling:
         requested = len(self.loops) - sum(not _is_reported(outcome) for outcome in self.left_open.values())
         outcomes: dict[int, LoopOutcome] = {}
         patches: list[LoopPatch] = []
-        for index, loop in enumerate(self.loops):
+        for index in range(len(self.loops)):
             if index in outcomes:
                 continue
             patch: LoopPatch | None = None
             if index in self.left_open:
                 done = [self.left_open[index]]
-            elif index in self._joins:
-                together = (index, *self._joins[index])
-                done, patch = fill_between(self.patched, together, self.loops, self._options)
             else:
-                exact = None
-                if self._is_film(index):
-                    self._options.on_stage(index, "exact surface")
-                    exact = next(solved)
-                outcome, patch = fill_loop(self.patched, index, loop, exact, self._options)
-                done = [outcome]
-            if index in self._notes and done[0].filled:
-                done[0] = replace(done[0], remarks=(*done[0].remarks, self._notes[index]))
+                done, patch = self._patch((index, *self._joins.get(index, ())), solved, self._options)
+                done[0] = self._noted(done[0])
             if patch is not None:
                 patches.append(patch)
             for outcome in done:
@@ -114,6 +106,40 @@ class Filling:
                 if on_loop is not None and _is_reported(outcome):
                     on_loop(outcome, requested)
         return [outcomes[index] for index in range(len(self.loops))], patches
+
+    def _patch(
+        self, loops: Sequence[int], solved: Iterator[SolvedLoop], options: FillOptions
+    ) -> tuple[list[LoopOutcome], LoopPatch | None]:
+        """The outcomes of a loop, or of several that are joined, and their patch or None."""
+        if len(loops) > 1:
+            return fill_between(self.patched, loops, self.loops, options)
+        (index,), exact = loops, None
+        if options.continuity_of(index) == "C0":
+            options.on_stage(index, "exact surface")
+            exact = next(solved)
+        outcome, patch = fill_loop(self.patched, index, self.loops[index], exact, options)
+        return [outcome], patch
+
+    def _noted(self, outcome: LoopOutcome) -> LoopOutcome:
+        """The outcome of a hole, with the remark on islands in it."""
+        note = self._notes.get(outcome.index)
+        return replace(outcome, remarks=(*outcome.remarks, note)) if note and outcome.filled else outcome
+
+    def preview(
+        self, loops: Sequence[int], before: Sequence[LoopPatch], options: FillOptions
+    ) -> tuple[LoopOutcome, LoopPatch | None]:
+        """The first outcome and the patch of named loops, as `filled` makes them after the patches `before`.
+
+        No other patch within `patched.reach` has an effect on it.
+        """
+        self.patched.clear()
+        for patch in before:
+            self.patched.join(patch.patch, patch.rim)
+        first = self.loops[loops[0]]
+        if len(loops) == 1 and (error := self._error_of(first, is_named=True)):
+            return unfilled(loops[0], first, error), None
+        (outcome, *_), patch = self._patch(loops, solved_loops([first], options), options)
+        return (outcome if len(loops) > 1 else self._noted(outcome)), patch
 
     def result(
         self, source: Any, outcomes: Sequence[LoopOutcome], patches: Sequence[LoopPatch], clock: Clock

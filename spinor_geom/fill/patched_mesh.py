@@ -90,12 +90,13 @@ class PatchedMesh:
     Attributes:
         mesh: the mesh without patches.
         face_count: number of faces, with those of the patches.
+        reach: low and high corner of the box in which patches were searched for since `clear`: none outside it had an
+            effect.
     """
 
     def __init__(self, mesh: TriangleMesh, loops: Iterable[BoundaryLoop] = ()) -> None:
         """Starts without patches; `loops` are the boundary loops that may be filled."""
         self.mesh = mesh
-        self.face_count = len(mesh.faces)
         self._loops_at = np.zeros(len(mesh.vertices), dtype=np.int64)
         self._loops_of_three = []
         for loop in loops:
@@ -106,10 +107,23 @@ class PatchedMesh:
         self._at_loops = np.flatnonzero(on_loop[:, 0] | on_loop[:, 1] | on_loop[:, 2])
         sides = np.flatnonzero(on_loop & on_loop[:, [1, 2, 0]])
         ends = np.stack([mesh.faces[sides // 3, sides % 3], mesh.faces[sides // 3, (sides + 1) % 3]], axis=1)
-        self._edges = set(self._keys(ends))
+        self._mesh_edges = frozenset(self._keys(ends))
+        self.clear()
+
+    def clear(self) -> None:
+        """Removes all patches."""
+        self.face_count = len(self.mesh.faces)
+        self.reach = np.array([[np.inf] * 3, [-np.inf] * 3])
+        self._edges = set(self._mesh_edges)
         self._patches: list[_Piece] = []
         # bounding boxes of the patches, low and high corner in one row; the array has spare rows
         self._boxes = np.empty((1, 6))
+
+    def _patches_in(self, low: Float[np.ndarray, "3"], high: Float[np.ndarray, "3"]) -> list[_Piece]:
+        """The patches whose boxes overlap a box."""
+        self.reach = np.stack([np.minimum(self.reach[0], low), np.maximum(self.reach[1], high)])
+        boxes = self._boxes[: len(self._patches)].T
+        return [self._patches[k] for k in overlapping(boxes[:3], boxes[3:], low, high)]
 
     def _keys(self, edges: Int[np.ndarray, "e 2"]) -> list[int]:
         low, high = np.sort(edges, axis=1).T
@@ -184,8 +198,7 @@ class PatchedMesh:
         is_new = np.ones(len(faces), dtype=bool)
         is_new[numbers[numbers >= 0]] = False
         new = _Piece(patch.vertices, faces[is_new], self.face_count + np.flatnonzero(is_new))
-        boxes = self._boxes[: len(self._patches)].T
-        near = [self._mesh_piece, *(self._patches[k] for k in overlapping(boxes[:3], boxes[3:], new.low, new.high))]
+        near = [self._mesh_piece, *self._patches_in(new.low, new.high)]
         own = NO_PAIRS
         if len(numbers):
             near += [_Piece(patch.vertices, faces, self.face_count + np.arange(len(faces)))]
@@ -268,9 +281,8 @@ class PatchedMesh:
         shared = np.flatnonzero(self._loops_at[rim] > 1)
         pairs = np.stack(np.triu_indices(len(shared), 1), axis=1)
         near._edges.update(near._keys(shared[pairs][self.has_edges(rim[shared[pairs]])]))
-        boxes = self._boxes[: len(self._patches)].T
-        for k in overlapping(boxes[:3], boxes[3:], *box):
-            near._add(frame.local(self._patches[k].vertices), self._patches[k].faces)
+        for piece in self._patches_in(*box):
+            near._add(frame.local(piece.vertices), piece.faces)
         return near
 
     def join(self, patch: Patch, rim: Int[np.ndarray, " m"]) -> int:

@@ -310,7 +310,7 @@ def test_a_run_that_lost_its_folder_writes_no_more(tmp_path: Path) -> None:
         {"format": "step"},
         {"loop": "largest"},
         {"loop": [0.5]},
-        {"loop": 1, "bridge": [0, 1]},
+        {"bridge": [[0, 1], 2]},
         {"bridge": 1},
         {"islands": "fill"},
         {"merge": -1.0},

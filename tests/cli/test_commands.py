@@ -219,9 +219,6 @@ def test_bridge_joins_two_rims_and_islands_are_joined_on_request(
     ):
         assert main(["fill", str(path), "-o", output, "--bridge", bridge]) == 2
         assert message in capsys.readouterr().err
-    with pytest.raises(SystemExit, match="2"):
-        main(["fill", str(path), "-o", output, "--bridge", "1,2", "--loop", "3"])
-    assert "not allowed with" in capsys.readouterr().err
 
 
 def test_continuity_makes_smooth_patches_and_reports_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -64,6 +64,13 @@ def test_two_ends_of_a_gap_are_bridged() -> None:
     closed, after = fill_hole(filled, (0, 1), return_report=True)
     assert after.watertight
     assert is_watertight(closed[1])
+    # the same in one call
+    both = fill_hole(mesh, [0, 1], bridge=[(first, second)], return_report=True)[1]
+    assert both.watertight
+    assert both.loops[first].area == here.area
+    assert len(both.extension.faces) == len(report.extension.faces) + len(after.extension.faces)
+    several = fill_hole(mesh, bridge=[(first, second), (0, 1)], keep_largest=True, return_report=True)[1].loops
+    assert [outcome.joined_to for outcome in several] == [1, 0, second, first]
     assert here.solution is not None
     assert here.solution.annulus is not None
     assert here.solution.is_area_minimum

@@ -245,9 +245,7 @@ def test_a_missed_tolerance_is_filled_and_reported() -> None:
         *({"merge": merge} for merge in (-1.0, np.nan, "a")),
         *({"continuity": continuity} for continuity in ("C2", None, {0: "C2"}, {"0": "C0"}, {True: "C0"})),
         {"islands": "maybe"},
-        *({"bridge": bridge} for bridge in ((1,), (1, 1), 0, np.int64(0), "0")),
-        {"loop": [1], "bridge": (0, 1)},
-        {"loop": np.array([1]), "bridge": (0, 1)},
+        *({"bridge": bridge} for bridge in ((1,), (1, 1), ((0, 1), 1), ((0, 1), (1, 2)), 0, np.int64(0), "0")),
     ],
 )
 def test_options_that_make_no_sense_are_refused(options: dict[str, object]) -> None:
