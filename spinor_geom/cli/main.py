@@ -69,6 +69,7 @@ def build_parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     for add in (
         _add_fill,
+        _add_edit,
         _add_solve,
         _add_loops,
         _add_compare,
@@ -244,6 +245,17 @@ def _add_fill(commands: _Commands) -> None:
     add("--html", **_path("HTML"), help="write an HTML page that shows the filled mesh")
     add("--quiet", **_FLAG, help="no counts and filled loops on standard error when standard output is not a terminal")
     add("--picture", **_path("PNG"), help="draw the mesh before and after filling, facing the largest patch")
+
+
+def _add_edit(commands: _Commands) -> None:
+    add = commands.add_parser(
+        "edit",
+        help="point at the holes of a mesh file in a window, see their patches, and save",
+        epilog="exit status: 0: nothing was saved, or every chosen loop was closed without intersections; 1: a chosen "
+        f"loop is still open, or a patch has intersections; {_UNUSABLE}, or there is no display",
+    ).add_argument
+    _add_input(add)
+    add("-o", "--output", **_path("OUT"), help="filled mesh (default: IN with _filled added to its name)")
 
 
 def _add_filling(parser: argparse.ArgumentParser) -> None:

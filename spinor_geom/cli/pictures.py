@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import argparse
 import math
-import os
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from spinor_geom.adapters.open_cascade import is_cad_file, read_shape, triangulated
 from spinor_geom.cli.console import ExitStatus
-from spinor_geom.cli.source import read_surface, require_writable
-from spinor_geom.errors import OptionError, RenderError, require
+from spinor_geom.cli.source import read_surface, require_display, require_writable
+from spinor_geom.errors import OptionError, require
 from spinor_geom.files import SURFACE_SUFFIX, up_axis
 from spinor_geom.fill.loop_choice import boundary_loops
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
@@ -35,11 +33,10 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
 
 def _view(arguments: argparse.Namespace) -> None:
     require("pyvista", extra="render")
-    if sys.platform.startswith("linux") and not any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY")):
-        raise RenderError(
-            "there is no display for a window; draw a picture with 'spinor-geom render IN -o out.png', or write a page "
-            "with 'spinor-geom fill ... --html report.html'"
-        )
+    require_display(
+        "draw a picture with 'spinor-geom render IN -o out.png', or write a page with 'spinor-geom fill ... --html "
+        "report.html'"
+    )
     shape = _shape(arguments.input, arguments.merge)
     upright = _upright(shape, arguments)
     loops = boundary_loops(TriangleMesh(upright.layers[0].vertices, shape.faces))

@@ -1,10 +1,11 @@
 """Reads the mesh of a command, and checks the paths of its outputs."""
 
 import os
+import sys
 from pathlib import Path
 
 from spinor_geom.adapters import MeshFile, read_mesh
-from spinor_geom.errors import MeshFileError
+from spinor_geom.errors import MeshFileError, RenderError
 from spinor_geom.fill.merging import merged
 
 
@@ -26,3 +27,9 @@ def require_writable(path: Path, *kept: Path) -> None:
     above = next(folder for folder in path.absolute().parents if folder.exists())
     if not above.is_dir() or not os.access(above, os.W_OK | os.X_OK):
         raise MeshFileError(f"{path} cannot be written: {above} is not a writable folder; choose another", path=path)
+
+
+def require_display(advice: str) -> None:
+    """Raises a RenderError, with advice what to do instead, if there is no display for a window."""
+    if sys.platform.startswith("linux") and not any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY")):
+        raise RenderError(f"there is no display for a window; {advice}")

@@ -17,6 +17,7 @@ from spinor_geom.fill.fill_options import (
     FillOptions,
     Islands,
     LoopContinuity,
+    untold,
 )
 from spinor_geom.fill.fill_result import FillResult, LoopOutcome
 from spinor_geom.fill.filling import Filling
@@ -158,7 +159,7 @@ def fill_hole(
         tolerance=tolerance,
         time_limit=time_limit,
         continuity=continuity,
-        on_stage=on_stage or (lambda index, stage: None),
+        on_stage=on_stage or untold,
     )
     clock = Clock()
     source = merged(read_mesh(mesh) if isinstance(mesh, (str, os.PathLike)) else mesh, merge)

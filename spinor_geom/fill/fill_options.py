@@ -27,6 +27,10 @@ TIME_LIMIT = 20.0  # seconds for each loop, see `fill_hole`
 CLOSING = 1e-3  # largest gap of a curve that is closed, in mean edges
 
 
+def untold(index: int, stage: str) -> None:
+    """The default of `on_stage`. Unlike a lambda it can be pickled."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Choice:
     """The options of `fill_hole` and `batch` that choose loops; raises OptionError."""
@@ -96,7 +100,7 @@ class FillOptions(PatchOptions):
     target_edge_length: float | Literal["auto"] = "auto"
     model: Model = "auto"
     continuity: ContinuityName | LoopContinuity = "C0"
-    on_stage: Callable[[int, str], None] = lambda index, stage: None
+    on_stage: Callable[[int, str], None] = untold
 
     def __post_init__(self) -> None:
         from spinor_geom.plateau.options import require_model  # imports numpy

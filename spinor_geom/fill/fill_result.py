@@ -232,11 +232,16 @@ class FillResult(Shown):
     timings: Mapping[str, float]
 
     def __repr__(self) -> str:
+        return f"FillResult({self.summary})"
+
+    @property
+    def summary(self) -> str:
+        """The figures of the whole mesh."""
         filled, count = sum(outcome.filled for outcome in self.loops), len(self.loops)
         watertight = "watertight" if self.watertight else "not watertight"
         intersections = "no intersections" if self.intersection_free else "with intersections"
         added = f"{len(self.extension.faces)} faces added"
-        return f"FillResult({filled} of {count} loops filled, {added}, {watertight}, {intersections})"
+        return f"{filled} of {count} loops filled, {added}, {watertight}, {intersections}"
 
     @property
     def closed(self) -> bool:

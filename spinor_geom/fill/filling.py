@@ -133,8 +133,8 @@ class Filling:
         No other patch within `patched.reach` has an effect on it.
         """
         self.patched.clear()
-        for patch in before:
-            self.patched.join(patch.patch, patch.rim)
+        for other in before:
+            self.patched.join(other.patch, other.rim)
         first = self.loops[loops[0]]
         if len(loops) == 1 and (error := self._error_of(first, is_named=True)):
             return unfilled(loops[0], first, error), None

@@ -13,7 +13,7 @@ import numpy as np
 
 from spinor_geom.errors import RenderError, require
 from spinor_geom.files import atomic_path
-from spinor_geom.isolate import FaultError, Process, serve
+from spinor_geom.isolate import FaultError, Process, Send, serve
 from spinor_geom.render.camera import Camera
 from spinor_geom.render.scene import Dots, Faces, Lines, Scale, Scene, overview
 
@@ -56,15 +56,20 @@ def drawn(scenes: Sequence[Scene], *, size: tuple[int, int], angles: Sequence[fl
         yield [Path(folder) / f"{number:04d}.png" for number in range(len(angles))]
 
 
-def draw_apart(*job: Any, time_limit: float) -> None:
-    """Calls `draw` in a subprocess, as VTK terminates the process if there is no OpenGL library."""
+def draw_apart(*job: Any, time_limit: float, module: str | None = None, on_event: Send = lambda event: None) -> None:
+    """Calls `draw` in a subprocess, as VTK terminates the process if there is no OpenGL library.
+
+    Another `module` gets the same arguments and sends events.
+    """
     without_display = sys.platform.startswith("linux") and not os.environ.get("DISPLAY")
-    process = Process(DRAWING, {WINDOW: os.environ.get(WINDOW, "vtkEGLRenderWindow")} if without_display else {})
+    process = Process(
+        module or DRAWING, {WINDOW: os.environ.get(WINDOW, "vtkEGLRenderWindow")} if without_display else {}
+    )
     try:
         with tempfile.TemporaryDirectory() as folder:
             arguments = Path(folder, "arguments")
             arguments.write_bytes(pickle.dumps(job))
-            process.run({"arguments": str(arguments)}, lambda _: None, seconds=time_limit)
+            process.run({"arguments": str(arguments)}, on_event, seconds=time_limit)
     except FaultError as fault:
         raise RenderError(_explanation(fault)) from fault
     finally:
@@ -107,7 +112,7 @@ def draw(scenes: Sequence[Scene], size: tuple[int, int], angles: Sequence[float]
         camera = scene.camera or overview(scene.layers)
         for layer in scene.layers:
             if isinstance(layer, Faces) and len(layer.faces):
-                move = _add_faces(plotter, layer, scales, with_bar=folder is None)
+                move = add_faces(plotter, layer, scales, with_bar=folder is None)
             elif isinstance(layer, Lines) and len(layer.edges):
                 move = _add_lines(plotter, layer, _THICKNESS * layer.width * camera.radius)
             elif isinstance(layer, Dots) and len(layer.vertices):
@@ -124,13 +129,11 @@ def draw(scenes: Sequence[Scene], size: tuple[int, int], angles: Sequence[float]
             places, texts = zip(*scene.labels, strict=True)
             boxes = {"text_color": "black", "shape_color": "white", "shape_opacity": 0.8, "show_points": False}
             plotter.add_point_labels(np.array(places), list(texts), font_size=_LABEL_SIZE, always_visible=True, **boxes)
-        _place(plotter, camera, points)
+        place(plotter, camera, points)
         if folder is not None:
             _light(plotter, camera)
     if folder is None:
-        if plotter.render_window.GetClassName() in _WITHOUT_WINDOW:
-            # VTK falls back to off-screen rendering if the display cannot be reached
-            sys.exit("bad X server")
+        require_window(plotter)
         plotter.add_text(_KEYS, position="lower_left", font_size=8, color="black")
         plotter.show()
         return
@@ -146,8 +149,19 @@ def draw(scenes: Sequence[Scene], size: tuple[int, int], angles: Sequence[float]
     plotter.close()
 
 
-def _add_faces(plotter: Any, layer: Faces, scales: dict[str, Scale], *, with_bar: bool) -> Callable[[Any], None]:
-    """Adds a surface; the returned function moves its vertices. All members of a family have the same normals."""
+def require_window(plotter: Any) -> None:
+    """Ends the process if the display cannot be reached; VTK then falls back to off-screen rendering."""
+    if plotter.render_window.GetClassName() in _WITHOUT_WINDOW:
+        sys.exit("bad X server")
+
+
+def add_faces(
+    plotter: Any, layer: Faces, scales: dict[str, Scale], *, with_bar: bool, name: str | None = None
+) -> Callable[[Any], None]:
+    """Adds a surface, in place of one with the same `name`; the returned function moves its vertices.
+
+    All members of a family have the same normals.
+    """
     import pyvista
 
     mesh: Any = pyvista.PolyData.from_regular_faces(layer.vertices, layer.faces)
@@ -155,15 +169,15 @@ def _add_faces(plotter: Any, layer: Faces, scales: dict[str, Scale], *, with_bar
         cell_normals=False, split_vertices=False, consistent_normals=False, auto_orient_normals=False, inplace=True
     )
     normals = np.array(mesh.point_data["Normals"])
-    look: dict[str, Any] = {**_SURFACE, "smooth_shading": not layer.edges, "split_sharp_edges": False}
+    look: dict[str, Any] = {**_SURFACE, "smooth_shading": not layer.edges, "split_sharp_edges": False, "name": name}
     if layer.fields:
-        name = next(iter(layer.fields))
-        values = layer.fields[name]
-        if name in scales:
-            ends = scales[name].low, scales[name].high
+        field = next(iter(layer.fields))
+        values = layer.fields[field]
+        if field in scales:
+            ends = scales[field].low, scales[field].high
             values, look["clim"] = np.clip(values, *ends), ends
-        mesh.point_data[name or "values"] = values
-        plotter.add_mesh(mesh, scalars=name or "values", cmap="viridis", show_scalar_bar=with_bar, **look)
+        mesh.point_data[field or "values"] = values
+        plotter.add_mesh(mesh, scalars=field or "values", cmap="viridis", show_scalar_bar=with_bar, **look)
     elif layer.skin is not None and layer.image is None:
         plotter.add_mesh(mesh, scalars=np.rint(255 * layer.skin).astype(np.uint8), rgb=True, **look)
     elif layer.skin is not None:
@@ -213,7 +227,8 @@ def _light(plotter: Any, camera: Camera) -> None:
         plotter.add_light(light, only_active=True)
 
 
-def _place(plotter: Any, camera: Camera, points: Any) -> None:
+def place(plotter: Any, camera: Camera, points: Any) -> None:
+    """Sets the camera, so that the points are in front of it."""
     reach = np.linalg.norm(points - camera.focus, axis=1).max()
     plotter.enable_parallel_projection()
     plotter.camera.focal_point = camera.focus

@@ -10,7 +10,7 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -696,3 +696,40 @@ def test_a_page_has_the_suffix_of_pages(command: list[str], tmp_path: Path, caps
     assert main([command[0], str(mesh), *command[1:], str(page)]) == 2
     assert "has the suffix .html" in capsys.readouterr().err
     assert not page.exists()
+
+
+def test_edit_opens_a_window_and_prints_what_was_saved(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write_obj(tmp_path / "in.obj", *cylinder(16, 4))
+    opened: list[tuple[object, ...]] = []
+
+    def window(*job: object, time_limit: float, module: str, on_event: Callable[[dict[str, object]], None]) -> None:
+        opened.append(job)
+        on_event({"told": "saved", "notes": ["a note"], "is_good": False, "command": "spinor-geom fill"})
+
+    monkeypatch.setattr("spinor_geom.cli.edit.draw_apart", window)
+    monkeypatch.setenv("DISPLAY", ":0")
+    assert main(["edit", str(path), "--merge", "0.5"]) == 1
+    *_, output, command = opened[0]
+    assert output == tmp_path / "in_filled.obj"
+    assert command == ["spinor-geom", "fill", str(path), "-o", str(output), "--merge", "0.5"]
+    said = capsys.readouterr()
+    assert said.out == "spinor-geom fill\n"
+    assert "a note" in said.err
+    assert main(["edit", str(path), "-o", str(path)]) == 1
+    assert "the input was replaced" in capsys.readouterr().err
+    # nothing to fill, and outputs that cannot be written: no window
+    closed = tmp_path / "closed.obj"
+    fill_hole(read_mesh(path)).write(closed)
+    assert main(["edit", str(closed)]) == 0
+    assert "nothing to fill" in capsys.readouterr().out
+    for output in (tmp_path, path / "out.ply", tmp_path / "out.xyz"):
+        assert main(["edit", str(path), "-o", str(output)]) == 2
+    monkeypatch.delenv("DISPLAY")
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    if sys.platform.startswith("linux"):
+        capsys.readouterr()
+        assert main(["edit", str(path)]) == 2
+        assert "no display" in capsys.readouterr().err
+    assert len(opened) == 2

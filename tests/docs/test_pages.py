@@ -32,6 +32,7 @@ SLOW = (
     "batch.md",
     "benchmark.md",
     "cad.md",
+    "edit.md",
     "fill-a-scan.md",
     "gallery.md",
     "index.md",

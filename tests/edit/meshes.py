@@ -1,0 +1,29 @@
+"""A round mesh with holes, as the command prepares it for the window."""
+
+from __future__ import annotations
+
+import numpy as np
+import trimesh
+
+from spinor_geom.fill.fill_options import Choice, FillOptions
+from spinor_geom.fill.filling import Filling
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
+
+# the centres of the holes and their sizes: the first is loop 0 and faces the eye, the last is not seen from there
+HOLES = ((0.0, 0.0, 1.0, 0.45), (0.8, 0.0, 0.6, 0.33), (-0.7, 0.5, 0.5, 0.3), (0.0, -1.0, -0.4, 0.25))
+
+
+def ball(shift: float = 0.0, holes: tuple[tuple[float, ...], ...] = HOLES) -> tuple[np.ndarray, np.ndarray]:
+    """A unit sphere with holes, moved along all axes."""
+    mesh = trimesh.creation.icosphere(subdivisions=4)
+    vertices, faces = np.array(mesh.vertices), np.array(mesh.faces)
+    places = vertices[faces].mean(axis=1)
+    for *centre, radius in holes:
+        is_out = np.linalg.norm(places - np.array(centre) / np.linalg.norm(centre), axis=1) < radius
+        faces, places = faces[~is_out], places[~is_out]
+    return vertices + shift, faces
+
+
+def prepared(mesh: tuple[np.ndarray, np.ndarray]) -> Filling:
+    """The loops of a mesh."""
+    return Filling(TriangleMesh(*mesh), Choice(), FillOptions())

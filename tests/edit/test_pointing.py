@@ -1,0 +1,71 @@
+"""What is under the pointer, and meshes of fewer triangles."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+
+from spinor_geom.edit.pointing import plane_depth, polygons_at, rim_at, thinned, triangles_at
+from spinor_geom.mesh.topology import boundary_edges
+from tests.edit.meshes import ball
+
+# two squares in pixels, one in the other, at depths 0.4 and 0.2
+SQUARE = np.array([[0.0, 0, 0], [100, 0, 0], [100, 100, 0], [0, 100, 0]])
+BEGINS = np.concatenate([SQUARE + np.array([0, 0, 0.4]), 0.5 * SQUARE + np.array([25, 25, 0.2])])
+ENDS = BEGINS[[1, 2, 3, 0, 5, 6, 7, 4]]
+NUMBERS = np.repeat([0, 1], 4)
+
+
+@pytest.mark.parametrize(
+    ("here", "depth", "segment"),
+    [
+        ((50, 3), 1.0, 0),
+        ((50, -9), 1.0, 0),
+        ((50, -15), 1.0, None),
+        ((50, 3), 0.3, None),  # something is in front of it
+        ((50, 30), 0.3, 4),
+        ((50, 12.4), 0.3, None),
+        ((50, 13.2), 1.0, 4),  # the nearer one
+        ((12, 50), 0.3, None),
+    ],
+)
+def test_the_nearest_visible_rim_is_pointed_at(here: tuple[float, float], depth: float, segment: int | None) -> None:
+    assert rim_at(np.array(here, dtype=float), BEGINS, ENDS, lambda x, y: depth) == segment
+
+
+@pytest.mark.parametrize(
+    ("here", "found"), [((10, 50), [0]), ((50, 50), [0, 1]), ((120, 50), []), ((25, 10), [0]), ((30, 70), [0, 1])]
+)
+def test_polygons_contain_what_is_inside(here: tuple[float, float], found: list[int]) -> None:
+    np.testing.assert_array_equal(polygons_at(np.array(here, dtype=float), BEGINS, ENDS, NUMBERS), found)
+
+
+def test_the_depth_of_an_opening_is_that_of_its_plane() -> None:
+    tilted = SQUARE + np.outer(SQUARE @ [0.01, 0.02, 0], [0, 0, 1])
+    assert plane_depth(np.array([30.0, 40]), tilted) == pytest.approx(1.1)
+
+
+def test_triangles_contain_what_is_inside_whatever_their_orientation() -> None:
+    corners = SQUARE[[[0, 1, 2], [0, 2, 1], [0, 2, 3]]]
+    np.testing.assert_array_equal(triangles_at(np.array([60.0, 20]), corners), [0, 1])
+    np.testing.assert_array_equal(triangles_at(np.array([20.0, 60]), corners), [2])
+    assert len(triangles_at(np.array([20.0, 60]), np.zeros((0, 3, 3)))) == 0
+
+
+@pytest.mark.parametrize("shift", [0.0, 3.0])
+def test_a_thinned_mesh_has_the_same_shape_and_the_same_rims(shift: float) -> None:
+    vertices, faces = ball(shift)
+    fine = trimesh.Trimesh(vertices, faces, process=False).subdivide().subdivide().subdivide()
+    vertices, faces = np.array(fine.vertices), np.array(fine.faces)
+    rims = boundary_edges(faces)
+    is_kept = np.zeros(len(vertices), dtype=bool)
+    is_kept[rims.ravel()] = True
+    places, new, kept = thinned(vertices, faces, is_kept)
+    assert len(new) < 0.5 * len(faces)
+    np.testing.assert_array_equal(np.sort(faces[kept], axis=1).shape, new.shape)
+    size = trimesh.Trimesh(vertices[places], new, process=False).area
+    assert size == pytest.approx(fine.area, rel=0.01)
+    given = {tuple(edge) for edge in np.sort(rims, axis=1).tolist()}
+    left = {tuple(edge) for edge in np.sort(places[boundary_edges(new)], axis=1).tolist()}
+    assert given <= left

@@ -1,0 +1,237 @@
+"""The window, drawn without a display, and events of VTK's interactor: what is coloured where, and what is saved."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+from time import sleep
+from typing import Any
+
+import numpy as np
+import pytest
+
+from spinor_geom import fill_hole, read_mesh
+from spinor_geom.cli.main import main
+from spinor_geom.edit import window as window_module
+from spinor_geom.edit.panel import panel
+from spinor_geom.edit.window import COLOURS, MARKED, POINTED, Window
+from tests.edit.meshes import ball, prepared
+from tests.fill.shapes import obj_text
+
+pytest.importorskip("pyvista")
+_CYCLES = 3000  # of 0.02 s, until the processes must have done their work
+
+
+class Person:
+    """Points at loops, presses keys, and looks at the picture."""
+
+    def __init__(self, folder: Path, mesh: tuple[np.ndarray, np.ndarray]) -> None:
+        self.path, self.filling = folder / "ball.obj", prepared(mesh)
+        self.path.write_text(obj_text(*mesh))
+        self.output, self.saved = folder / "out.ply", list[dict[str, Any]]()
+        command = ["spinor-geom", "fill", str(self.path), "-o", str(self.output)]
+        self.window = Window(
+            read_mesh(self.path), self.filling, self.output, command, self.saved.append, off_screen=True
+        )
+        self.window.plotter.show(auto_close=False)
+        self.events = self.window.plotter.iren
+
+    def wait(self) -> None:
+        """Until everything that is chosen is computed and saved, and shown."""
+        for _ in range(_CYCLES):
+            self.window.step()
+            work, previews = self.window.work, self.window.session.previews().values()
+            if all(filler.job is None for filler in work.fillers) and all(is_current for _, is_current in previews):
+                self.window.show()
+                return
+            sleep(0.02)
+        raise AssertionError("the processes did not finish")
+
+    def place(self, index: int, *, on_rim: bool = False) -> tuple[int, int]:
+        """The pixel of a hole's centre, or of a point of its rim."""
+        loop = self.filling.loops[index]
+        point = loop.points[0] if on_rim else loop.centroid
+        x, y, _ = self.window._pixels(self.window._drawn(point)).tolist()
+        return round(x), round(y)
+
+    def click(self, index: int, *, shift: bool = False, on_rim: bool = False) -> None:
+        """Clicks a hole."""
+        self.events.interactor.SetShiftKey(int(shift))
+        self.events._mouse_left_button_click(*self.place(index, on_rim=on_rim))
+        self.events.interactor.SetShiftKey(0)
+
+    def press(self, keys: str) -> None:
+        """Presses keys, one after the other."""
+        for key in keys:
+            self.events._simulate_keypress(key)
+
+    def colour(self, x: int, y: int) -> np.ndarray:
+        """The red, green and blue around a pixel, from 0 to 1, the mean of a few pixels."""
+        image = np.asarray(self.window.plotter.screenshot(return_img=True))[::-1] / 255
+        return np.asarray(image[y - 1 : y + 2, x - 1 : x + 2].mean(axis=(0, 1)))
+
+    def sees(self, x: int, y: int, colour: str) -> bool:
+        """Whether a pixel has the hue of a colour, whatever its brightness."""
+        seen, wanted = self.colour(x, y), np.array(list(bytes.fromhex(colour[1:]))) / 255
+        seen, wanted = (own - own.mean() for own in (seen, wanted))
+        return bool(seen @ wanted > 0.9 * np.linalg.norm(seen) * np.linalg.norm(wanted) and np.linalg.norm(seen) > 0.1)
+
+
+@pytest.fixture(params=[0.0])
+def person(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Person]:
+    if not os.environ.get("DISPLAY"):
+        monkeypatch.setenv("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
+    monkeypatch.setattr(window_module, "SIZE", (800, 500))  # is drawn in a third of the time
+    made = Person(tmp_path, ball(request.param))
+    yield made
+    made.window.work.close()
+    made.window.plotter.close()
+
+
+def test_holes_are_pointed_at_and_get_films_and_smooth_patches(person: Person) -> None:
+    window = person.window
+    # openings and rims, not those behind the mesh, and nothing beside it
+    assert [window.loop_at(*person.place(k)) for k in range(4)] == [0, 1, 2, None]
+    assert [window.loop_at(*person.place(k, on_rim=True)) for k in range(4)] == [0, 1, 2, None]
+    width, height = window.plotter.window_size
+    assert window.loop_at(width - 5, 5) is None
+    assert window.loop_at(10, height // 2) is None
+    # the rim under the pointer lights up
+    rim = person.place(1, on_rim=True)
+    assert person.sees(*rim, COLOURS["open"])
+    person.events._mouse_move(*person.place(1))
+    assert window.pointed == 1
+    assert person.sees(*rim, POINTED)
+    person.events._mouse_move(width - 5, 5)
+    assert window.pointed is None
+    assert person.sees(*rim, COLOURS["open"])
+    # clicks: film, smooth, open; the patch can be clicked, too
+    person.click(0)
+    person.click(1, on_rim=True)
+    person.wait()
+    assert person.sees(*person.place(0), COLOURS["film"])
+    assert person.sees(*person.place(1), COLOURS["film"])
+    assert not person.sees(*person.place(2), COLOURS["film"])
+    person.click(1)
+    person.wait()
+    assert person.sees(*person.place(0), COLOURS["film"])
+    assert person.sees(*person.place(1), COLOURS["smooth"])
+    person.click(1)
+    person.wait()
+    assert window.session.choices == {(0,): "film"}
+    assert not person.sees(*person.place(1), COLOURS["smooth"])
+    # turning the mesh is no click
+    x, y = person.place(0)
+    person.events._mouse_left_button_press(x, y)
+    person.events._mouse_left_button_release(x + 40, y)
+    assert window.session.choices == {(0,): "film"}
+    assert window.loop_at(*person.place(0)) == 0  # where it is now
+    person.press("u")
+    assert window.session.choices == {(0,): "film", (1,): "smooth"}
+
+
+def test_what_is_saved_is_what_the_command_makes(person: Person, capsys: pytest.CaptureFixture[str]) -> None:
+    window = person.window
+    person.press("s")
+    assert "nothing to save" in window.work.message
+    person.press("aa")
+    person.click(0)
+    person.click(0)
+    person.wait()
+    assert window.session.choices == {(0,): "film", **{(k,): "smooth" for k in (1, 2, 3)}}
+    person.press("q")
+    assert "q again" in window.work.message
+    person.press("s")
+    person.wait()
+    assert "watertight" in window.work.message
+    (event,) = person.saved
+    assert event["command"] == f"spinor-geom fill {person.path} -o {person.output} --film 0 --smooth 1-3"
+    written = person.output.read_bytes()
+    # an existing file is replaced only if s is pressed again
+    person.output.write_text("mine")
+    person.press("s")
+    assert "press s again" in window.work.message
+    person.press("us")
+    assert "press s again" in window.work.message
+    person.wait()
+    assert person.output.read_text() == "mine"
+    person.press("s")
+    person.wait()
+    assert person.output.read_bytes() != written
+    person.click(0)
+    person.press("ss")
+    person.wait()
+    assert main(shlex.split(person.saved[0]["command"])[1:]) == 0
+    assert person.output.read_bytes() == written
+    # the patches that were shown
+    report = fill_hole(person.path, **window.session.options, return_report=True)[1]
+    for loops, (preview, _) in window.session.previews().items():
+        assert preview is not None
+        assert preview.patch is not None
+        patch = report.loops[loops[0]].patch
+        assert patch is not None
+        np.testing.assert_array_equal(preview.patch.patch.vertices, patch.vertices)
+
+
+def test_two_rims_are_joined_and_a_failure_is_explained(person: Person) -> None:
+    window = person.window
+    person.click(0, shift=True)
+    assert window.marked == 0
+    assert person.sees(*person.place(0, on_rim=True), MARKED)
+    person.press("u")
+    assert window.marked is None
+    person.click(1, shift=True)
+    person.click(2, shift=True)
+    assert window.session.choices == {(1, 2): "film"}
+    person.wait()
+    ((preview, _),) = window.session.previews().values()
+    assert preview is not None
+    assert preview.patch is None
+    assert person.sees(*person.place(1, on_rim=True), COLOURS["bad"])
+    text = panel(window.session, window.work, person.filling.loops, pointed=1, command="", size=(60, 50))
+    assert "open" in text
+    assert "was left open" in " ".join(text.split())
+    assert all(len(line) <= 60 for line in text.split("\n"))
+
+
+def test_a_process_that_dies_and_a_cancelled_one_leave_the_loop_open(person: Person) -> None:
+    window = person.window
+    person.wait()
+    person.click(0)
+    person.press("c")
+    assert window.session.choices == {}
+    person.press("u")
+    person.wait()
+    assert person.sees(*person.place(0), COLOURS["film"])
+    person.output.mkdir()
+    window.work.save(person.output, "")
+    person.wait()
+    assert "not saved" in window.work.message
+    assert person.saved == []
+    running = [filler._process._process for filler in window.work.fillers if filler._process._process is not None]
+    for process in running:
+        process.send_signal(signal.SIGSTOP)
+    person.click(1)
+    for process in running:
+        process.kill()
+    person.wait()
+    preview, _ = window.session.previews()[(1,)]
+    assert preview is not None
+    assert preview.patch is None
+    assert "SIGKILL" in preview.sentences[0]
+    # a window that is closed during a fill
+    person.click(2)
+    processes = [filler._process._process for filler in window.work.fillers]
+    window.open()
+    assert all(process is None or process.poll() is not None for process in processes)
+
+
+@pytest.mark.parametrize("person", [4e6], indirect=True)
+def test_a_mesh_far_from_the_origin_is_drawn_and_pointed_at(person: Person) -> None:
+    person.click(0)
+    person.wait()
+    assert person.sees(*person.place(0), COLOURS["film"])
+    assert [person.window.loop_at(*person.place(k)) for k in range(3)] == [0, 1, 2]
