@@ -1,9 +1,9 @@
 """Reads meshes of any type, and returns them extended in the same type.
 
-Types: arrays, tensors, objects of trimesh, PyVista, Open3D, meshio and pymeshlab, and files. `to_mesh` returns the
-triangles, `extend` a new object of the same type with vertices and faces appended, `merged` one with vertices merged.
-`register` adds an adapter for a further type, see `Adapter`. A library is imported only when one of its objects is
-built.
+Types: arrays, tensors, objects of trimesh, PyVista, Open3D, meshio, pymeshlab and Blender, and files. `to_mesh` returns
+the triangles, `extend` a new object of the same type with vertices and faces appended, `merged` one with vertices
+merged. `register` adds an adapter for a further type, see `Adapter`. A library is imported only when one of its objects
+is built.
 
     >>> import numpy as np
     >>> from spinor_geom.adapters import to_mesh
@@ -13,6 +13,7 @@ built.
 """
 
 from spinor_geom.adapters.array_pairs import PairAdapter, TriangleMeshAdapter
+from spinor_geom.adapters.blender_mesh import BlenderMeshAdapter, BlenderObjectAdapter
 from spinor_geom.adapters.cad_curves import CadCurve
 from spinor_geom.adapters.mesh_files import MeshFile, MeshFileAdapter, read_mesh
 from spinor_geom.adapters.mesh_objects import MeshioAdapter, MeshSetAdapter, Open3DAdapter
@@ -30,6 +31,8 @@ for _adapter in (
     Open3DAdapter(),
     MeshioAdapter(),
     MeshSetAdapter(),
+    BlenderMeshAdapter(),
+    BlenderObjectAdapter(),
     TriangleMeshAdapter(),
     MeshFileAdapter(),
 ):

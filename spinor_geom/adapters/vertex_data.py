@@ -40,18 +40,22 @@ def append_attributes(arrays: Mapping[str, Any], extension: MeshExtension, *, ve
         if count == 0 or not _is_attribute(values, vertices):
             result[name] = np.concatenate([values, np.zeros((count, *values.shape[1:]), dtype=values.dtype)])
             continue
-        if name not in extension.vertex_attributes:
-            raise MeshShapeError(
-                f"the extension lacks the vertex attribute {name!r} that the mesh has; give its values"
-            )
-        rows, width = extension.vertex_attributes[name], _columns(values).shape[1]
-        if rows.shape[1] != width:
-            raise MeshShapeError(
-                f"vertex attribute {name!r} has {width} columns in the mesh and {rows.shape[1]} in the extension; "
-                "give the same number"
-            )
+        rows = attribute_rows(extension, name, _columns(values).shape[1])
         result[name] = append_rows(values, rows)
     return result
+
+
+def attribute_rows(extension: MeshExtension, name: str, width: int) -> Float[np.ndarray, "k {width}"]:
+    """An attribute of an extension that the mesh has `width` columns of; raises a MeshShapeError if it has not."""
+    if name not in extension.vertex_attributes:
+        raise MeshShapeError(f"the extension lacks the vertex attribute {name!r} that the mesh has; give its values")
+    rows = extension.vertex_attributes[name]
+    if rows.shape[1] != width:
+        raise MeshShapeError(
+            f"vertex attribute {name!r} has {width} columns in the mesh and {rows.shape[1]} in the extension; "
+            "give the same number"
+        )
+    return rows
 
 
 def _is_attribute(values: Any, vertices: int) -> bool:
