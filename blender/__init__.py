@@ -14,7 +14,7 @@ ADVICE = {
     r"give its index in loop=": "select its rim",
     r"by its index in loop=": "with its rim selected",
     r"(fill_hole\(mesh, merge=|read_mesh\().*--merge(.* on the command line)?": "Merge by Distance",
-    r" \(--[\w-]+\)": "",
+    r" \(--[\w-]+\)|; islands='join' joins them": "",
 }
 
 # spinor_geom is imported on use: that takes longer than the start of Blender should

@@ -44,7 +44,7 @@ SLOW = (
 PAGES = [
     pytest.param(page.name, marks=pytest.mark.slow if page.name in SLOW else ()) for page in sorted(DOCS.glob("*.md"))
 ]
-PACKAGES = {"cad.md": "build123d"}  # without wheels on some systems
+PACKAGES = {"blender.md": "bpy", "cad.md": "build123d"}  # without wheels on some systems
 STUBS = {
     "dask_jobqueue.py": "SLURMCluster",
     "dask_kubernetes/operator.py": "KubeCluster",
