@@ -10,12 +10,15 @@ from typing import Any, ClassVar
 import numpy as np
 from jaxtyping import Complex, Float
 
-from spinor_geom.arrays import Array, complex_of, namespace, place_of, zeros
+from spinor_geom.arrays import Array, complex_of, namespace, place_of, triangular_factor, zeros
+from spinor_geom.deadline import require_time
 from spinor_geom.holomorphic.arnoldi import arnoldi_hessenberg, arnoldi_polynomials, barycentric_weights, leja_points
 from spinor_geom.holomorphic.array_model import ArrayModel, blank
 from spinor_geom.holomorphic.blocks import in_blocks, require_complex
 from spinor_geom.holomorphic.cauchy_sums import direct_sums
 from spinor_geom.holomorphic.interpolant import interpolated, interpolated_slope
+
+_FACTOR_SECONDS = 6e-10  # of `orthonormal_on`, per node and squared number of features
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -71,6 +74,8 @@ class CauchyNetwork(ArrayModel):
         normalised to sum 1. `degree` is that of the polynomials. `branches` has a point c in each hole around which p
         and q change their sign. Singular vectors of the raw features below 1e-8 times the largest singular value
         are dropped, because p and q lose digits if large coefficients cancel.
+
+        Raises an OutOfTimeError if the estimated time is longer than what is left of the time limit.
         """
         require_complex(nodes=z, poles=poles)
         weight = weight / weight.sum()
@@ -78,8 +83,9 @@ class CauchyNetwork(ArrayModel):
         raw = raw_features(z, hessenberg, poles, scales)
         xp, at = namespace(z), place_of(z).put(np.array(branches, dtype=np.complex128))
         root = xp.sqrt(weight)[:, None] * sign_changing(z, at)[:, None]
-        _, r = xp.linalg.qr(raw * root)  # QR first: the SVD then works on a small square matrix
-        _, s, vh = xp.linalg.svd(r, full_matrices=False)
+        require_time(_FACTOR_SECONDS * raw.shape[0] * raw.shape[1] ** 2)
+        # QR first: the SVD then works on a small square matrix
+        _, s, vh = xp.linalg.svd(triangular_factor(raw * root), full_matrices=False)
         keep = s > 1e-8 * s[0]
         mixing, layer = vh.mT.conj()[:, keep] / s[keep], _polynomials(z, hessenberg)
         readout = zeros((mixing.shape[1], 2), mixing)

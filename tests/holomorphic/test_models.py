@@ -8,9 +8,10 @@ import pytest
 import torch
 
 from spinor_geom.arrays import NUMPY, Place, to_numpy
+from spinor_geom.deadline import time_limit
 from spinor_geom.domain import FourierBoundary, PlaneDomain
 from spinor_geom.domain.quadrature import Panels
-from spinor_geom.errors import DtypeError, StorageError
+from spinor_geom.errors import DtypeError, OutOfTimeError, StorageError
 from spinor_geom.holomorphic.arnoldi import arnoldi_hessenberg
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.holomorphic.circular_domain import CircularDomain
@@ -221,6 +222,13 @@ def test_features_of_a_cauchy_network_are_orthonormal_on_the_boundary(degree):
     wide = network.mixing.abs().sum(0) < 1e4
     assert wide.sum() > 20
     assert float((gram - torch.eye(len(gram)))[wide][:, wide].abs().max()) < 1e-10
+
+
+def test_features_that_would_take_longer_than_the_time_left_are_not_begun():
+    z = np.exp(2j * np.pi * np.arange(30_000) / 30_000)
+    poles = 1.1 * z[::50]
+    with time_limit(0.5), pytest.raises(OutOfTimeError):  # the factors take several seconds
+        CauchyNetwork.orthonormal_on(z, np.ones(len(z)), poles=poles, scales=np.ones(len(poles)), degree=4)
 
 
 def test_cauchy_network_reproduces_a_function_with_a_pole_near_the_boundary():

@@ -32,6 +32,8 @@ from spinor_geom.plateau.steps import STALLED, Steps
 # Damping of the first step, over the mean diagonal entry of the normal equations. With 1 fits take a sixth more steps,
 # and one in ten rough ones ends farther from Γ.
 _FIRST_DAMPING = 1e-2
+# Of the linearised residual, per node and squared number of features.
+_LINEAR_SECONDS = 8e-10
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -133,6 +135,7 @@ class _Linear:
 
     @classmethod
     def at(cls, problem: NetworkProblem, state: Fit) -> _Linear:
+        require_time(_LINEAR_SECONDS * problem.features.shape[0] * problem.features.shape[1] ** 2)
         xp = namespace(problem.arc_weights)
         root = xp.sqrt(problem.arc_weights)[:, None]
         p, q = (problem.features @ state.readout).mT
