@@ -1,7 +1,8 @@
 """Intersections of triangle meshes with themselves and each other, and of closed polygons.
 
 Two faces cross if the interior of one meets the other. Faces that only touch at corners or sides, by index or by
-position, do not cross. Faces without area do not cross either.
+position, do not cross. A face without area crosses another one if a side of it passes through the plane of the other
+one inside that.
 """
 
 from collections.abc import Callable
@@ -162,6 +163,11 @@ def _insides_meet(f: Triangles, g: Triangles) -> Bool[np.ndarray, " k"]:
         meet[on_line] = _overlap_on_line(f[on_line], g[on_line], f_sides[on_line], g_sides[on_line])
     if len(in_plane):
         meet[in_plane] = _overlap_in_plane(f[in_plane], g[in_plane])
+    # all points lie in the plane of a face without area
+    for one, other, own, others in ((f, g, f_sides, g_sides), (g, f, g_sides, f_sides)):
+        flat = np.flatnonzero(own.any(axis=1) & ~others.any(axis=1))
+        for start in range(3 if len(flat) else 0):
+            meet[flat] |= edges_through(one[flat, start], one[flat, start - 2], other[flat])
     return meet
 
 

@@ -62,7 +62,8 @@ def clipped(polygon: Sequence[Point], height: Callable[[Point], Fraction], *, pl
 def inside_reaches(f: list[Point], g: list[Point]) -> bool:
     """Whether the inside of triangle f has a point of triangle g: g is cut down to f, its middle then lies inside."""
     normal = cross(minus(f[1], f[0]), minus(f[2], f[0]))
-    if not any(normal) or not any(cross(minus(g[1], g[0]), minus(g[2], g[0]))):
+    has_area = any(cross(minus(g[1], g[0]), minus(g[2], g[0])))
+    if not any(normal) or not (has_area or any(dot(normal, minus(p, f[0])) for p in g)):
         return False
     part = clipped(g, lambda p: dot(normal, minus(p, f[0])), plane=True)
     inwards = [cross(normal, minus(f[(k + 1) % 3], f[k])) for k in range(3)]
