@@ -184,9 +184,15 @@ class ArraySurface(Shown):
         area = sum(rim.area for rim in rims)
         if self.domain.holes:
             # `rim.area` has r = 0 at the start of the rim, and ∮ Im(φ dz) of a rim need not vanish
-            start = self.position(np.array([b.point(np.zeros(())) for b in self.domain.boundaries]))
+            start = np.concatenate([self._start_of(rim) for rim in rims])
             area += 0.5 * float(((start - start[0]) * [rim.at_breaks[-1].imag for rim in rims]).sum())
         return area
+
+    def _start_of(self, rim: RimPrimitive) -> Float[np.ndarray, "1 3"]:
+        """The position at the start of a rim, from that on its longest panel: the start may be a corner near poles."""
+        order = rim.panels.order
+        middle = int(np.diff(rim.panels.breaks).argmax()) * order + order // 2
+        return np.asarray(self.position(rim.panels.z[[middle]]) - rim.primitive[[middle]].real)
 
     def rim_primitives(self, order: int) -> tuple[RimPrimitive, ...]:
         """∫ φ dz along every boundary of Ω, by panels of `order` nodes."""

@@ -17,6 +17,7 @@ from tests.plateau.rims import polygon, ring, sampled
 
 SQUARE = np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]])
 # a square of side 20 and four circles of radius 2.5 above it: the height, and the area by a prototype with symmetry
+AREA_OF_LUNES = 3.09727
 ROOFS = {4.0: 438.210141, 5.0: 484.810576}
 
 
@@ -93,6 +94,44 @@ def test_a_roof_keeps_its_corners():
     loops = [rim.loop for rim in solution.rims]
     np.testing.assert_array_equal(patch.vertices[: patch.boundary_size], np.concatenate([x.points for x in loops]))
     assert patch.area == pytest.approx(solution.area, rel=5e-3)
+
+
+def test_lunes_with_narrow_gaps():
+    # the film leaves the corners outwards; the area is that of the harmonic surface
+    tips = np.array([[0.2, 0, 0.98], [0.2, 0, -0.98]])
+    loops = []
+    for k in range(3):
+        ends = tips / np.linalg.norm(tips, axis=1)[:, None]
+        halves = [_arc(ends[0], _at(-50), ends[1], 16), _arc(ends[1], _at(50), ends[0], 16)]
+        turn = np.radians(120 * k)
+        rotation = np.array([[np.cos(turn), np.sin(turn), 0], [-np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
+        loops.append(BoundaryLoop.from_points(np.concatenate(halves) @ rotation, corners=[0, 16]))
+    solution = solve_plateau(loops)
+    assert solution.converged
+    assert solution.boundary_residual.rms_per_edge < 1e-4
+    assert solution.area == pytest.approx(AREA_OF_LUNES, rel=2e-5)
+
+
+def test_other_modes_keep_the_surface():
+    found, _ = stationary(plane_roof(), Steps(limit=100))
+    again = found.refitted(found.form.rims.exponents)
+    assert again.energy == pytest.approx(found.energy, rel=1e-7)
+
+
+def _at(degrees):
+    return np.array([np.cos(np.radians(degrees)), np.sin(np.radians(degrees)), 0])
+
+
+def _arc(start, middle, end, count):
+    """Points of the circle through three points, without its end."""
+    normal = np.cross(middle - start, end - start)
+    normal /= np.linalg.norm(normal)
+    centre = normal * (normal @ start)  # the points have length 1
+    e = start - centre
+    f = np.cross(normal, e)
+    turn = np.arctan2((end - centre) @ f, (end - centre) @ e) % (2 * np.pi)
+    t = turn * np.arange(count)[:, None] / count
+    return centre + np.cos(t) * e + np.sin(t) * f
 
 
 def test_the_angle_at_a_corner_is_corrected():

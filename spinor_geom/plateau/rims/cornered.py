@@ -17,9 +17,11 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
+from numpy.polynomial import Chebyshev
 
 from spinor_geom.arrays import cis
 from spinor_geom.deadline import require_time
@@ -35,8 +37,9 @@ _MODES = 12  # degree of the Chebyshev polynomials of a side's slide
 _POWERS = 8  # powers of a circle's coordinate for each of its sides
 _HALVINGS = 24  # of the panels towards a corner with α = π/2; fewer for larger angles
 _LEAST_HALVINGS = 10
+_EVEN = 0.0625, 0.125, 0.25, 0.375, 0.5  # ends of panels far from corners
 _DEPENDENT = 1e-14  # eigenvalues below this share of the largest are dropped: functions are nearly dependent
-_NEGLIGIBLE = 1e-12  # expected relative decrease of the energy at which Newton's method ends
+_NEGLIGIBLE = 1e-10  # expected relative decrease of the energy at which Newton's method ends
 # Expected relative decrease at which it ends too if a step does not reduce that by the second factor: where rims nearly
 # touch, the energy hardly depends on some slides.
 _ENOUGH, _SLOW = 1e-6, 0.25
@@ -46,15 +49,26 @@ _LARGEST_STEPS = 2.0, 0.5  # of logit s, and of arguments, logarithms of radii a
 _MORE_DAMPING = 4.0  # factor of the damping, until a step is short enough
 _LEAST_LENGTH = 1e-3  # of a step that lowers the energy
 # Poles between circles that nearly touch: the first distance from a circle, in radii, and the ratio of distances
-_FIRST_DISTANCE, _RATIO = 0.4, 0.6
-# Share of a side near a corner, and the largest |φ·φ|/|φ|² of conformal surfaces there: 1e-3 for the right angle, and
-# almost 1 for the rest of a full turn
-_NEAR, _CONFORMAL = 1e-3, 0.1
+_FIRST_DISTANCE, _RATIO = 0.6, 0.75
+# Share of a side near a corner, and the largest |φ·φ|/|φ|² there where the assumed angle is kept. Films that leave a
+# corner outwards have its own angle at last; above this number areas by the rest of a full turn are off by 1e-6.
+_NEAR, _CONFORMAL = 3e-3, 0.4
+_CONTINUED = 1e-2  # least share of a side from which slides are fitted at a corner whose angle was wrong
+# Density of modes at gaps between circles, and degree of its polynomial
+_CROWDING, _GAP_DEGREE = 0.25, 200
+ROUGHLY = 1e-4  # relative decrease of the energy at which gaps between circles are known well enough for modes
 _SMOOTHING = 0.8  # factor of each power in holomorphic fields through the corners, so that low powers prevail
 # Newton's method goes on over a conformal image of Ω when the mean of holes and corners is this far from 0
 _UNEVEN = 0.2
 _SPREADING_STEPS = 30  # of the maps to that image
 _MARGIN = 1e-13  # least distance of parameters from those of corners, because Γ′ there is that of the next side
+
+
+_Shares: TypeAlias = Float[np.ndarray, "*n"]
+
+
+def _evenly(u: _Shares) -> _Shares:
+    return u
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -69,10 +83,19 @@ class Side:
     frequencies: int  # of the Fourier modes of a whole rim
     shares: Float[np.ndarray, "2 n"]  # u and 1 − u
     weights: Float[np.ndarray, " n"]  # of integrals over u
+    place: Callable[[_Shares], _Shares] = (
+        _evenly  # v as a function of u in [0, 1]: slides are smooth functions of v, also at narrow gaps
+    )
 
     @classmethod
     def between(
-        cls, rim: int, corners: tuple[int, int], start: float, length: float, exponents: tuple[float, float]
+        cls,
+        rim: int,
+        corners: tuple[int, int],
+        start: float,
+        length: float,
+        exponents: tuple[float, float],
+        place: Callable[[_Shares], _Shares] = _evenly,
     ) -> Side:
         """A side between two corners."""
         (ahead, ahead_weights), (back, back_weights) = map(_graded, exponents)
@@ -85,6 +108,7 @@ class Side:
             frequencies=0,
             shares=np.stack([np.concatenate([ahead, 1 - back[::-1]]), np.concatenate([1 - ahead, back[::-1]])]),
             weights=np.concatenate([ahead_weights, back_weights[::-1]]),
+            place=place,
         )
 
     @classmethod
@@ -107,7 +131,7 @@ class Side:
         """The sum that `slide` takes, without modes, at given u and 1 − u: logit s, or s of a whole rim."""
         if self.corners is None:
             return np.asarray(shares[0])
-        first, last = np.log(shares)
+        first, last = self._logarithms(shares)
         return np.asarray(self.exponents[0] * first - self.exponents[1] * last)
 
     def modes(self, shares: Float[np.ndarray, "2 n"]) -> Float[np.ndarray, "n k"]:
@@ -117,8 +141,14 @@ class Side:
             return np.concatenate([np.ones((len(turns), 1)), np.cos(turns), np.sin(turns)], axis=1)
         # powers of u in s are half-integers at right angles
         flattening = min(sum(self.exponents) / 2, 1.0)
-        first, last = np.log(shares)
+        first, last = self._logarithms(shares)
         return np.asarray(np.polynomial.chebyshev.chebvander(np.tanh(flattening * (first - last) / 2), _MODES))
+
+    def _logarithms(self, shares: Float[np.ndarray, "2 n"]) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+        """Logarithms of v and 1 − v at given u and 1 − u."""
+        v = self.place(shares[0])
+        start, end = self.place(np.array([0.0, 1.0]))
+        return np.log(v - start), np.log(end - v)
 
     def slide(self, sums: Float[np.ndarray, " n"]) -> Float[np.ndarray, "3 n"]:
         """The curve parameter and its first two derivatives with respect to the sum of `base` and modes."""
@@ -135,15 +165,16 @@ def _halvings(exponent: float) -> int:
     return int(np.clip(_HALVINGS / 2 / exponent, _LEAST_HALVINGS, _HALVINGS))
 
 
-def _cluster(exponent: float) -> Float[np.ndarray, " k"]:
-    """Distances of the poles at a corner, down to the length of the last panel."""
-    count = int((1 + _halvings(exponent) * math.log(2) / _DECAY) ** 2)
+def _cluster(exponent: float, arc: float) -> Float[np.ndarray, " k"]:
+    """Distances of the poles at a corner, down to the length of the last panel on a side with a given arc."""
+    depth = _halvings(exponent) * math.log(2) - min(math.log(arc), 0.0)
+    count = int((1 + depth / _DECAY) ** 2)
     return np.exp(-_DECAY * (math.sqrt(count) - np.sqrt(np.arange(1, count + 1))))
 
 
 def _graded(exponent: float) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Nodes and weights on [0, 1/2], on panels that are halved towards 0."""
-    ends = np.concatenate([[0.0], 0.5 ** np.arange(_halvings(exponent), 1, -1), [0.375, 0.5]])
+    """Nodes and weights on [0, 1/2], on panels that are quartered towards 0."""
+    ends = np.concatenate([[0.0], 0.5 ** np.arange(_halvings(exponent), 4, -2), _EVEN])
     x, w = rule("gauss", _GAUSS)
     width = np.diff(ends)[:, None]
     return (ends[:-1, None] + width * x).ravel(), (width * w).ravel()
@@ -193,6 +224,23 @@ class CorneredRims:
             powers=tuple(powers),
         )
 
+    def adapted(self, exponents: Float[np.ndarray, " c"], circles: Circles) -> CorneredRims:
+        """The rims with other exponents, and modes that resolve the gaps between given circles."""
+        sides = tuple(
+            side
+            if side.corners is None
+            else Side.between(
+                side.rim,
+                side.corners,
+                side.start,
+                side.length,
+                (float(exponents[side.corners[0]]), float(exponents[side.corners[1]])),
+                circles.places(side),
+            )
+            for side in self.sides
+        )
+        return replace(self, sides=sides, exponents=exponents)
+
     @cached_property
     def rows(self) -> tuple[slice, ...]:
         """The nodes of each side."""
@@ -210,6 +258,12 @@ class CorneredRims:
         for side, rows, columns in zip(self.sides, self.rows, self.columns, strict=True):
             modes[rows, columns] = side.modes(side.shares)
         return modes
+
+    def by_modes(self, values: Float[np.ndarray, "n c"]) -> Float[np.ndarray, "k c"]:
+        """Products of the modes with values at the nodes; each mode is 0 but on one side."""
+        return np.concatenate(
+            [self.modes[rows, columns].T @ values[rows] for rows, columns in zip(self.rows, self.columns, strict=True)]
+        )
 
     @cached_property
     def _bases(self) -> Float[np.ndarray, " n"]:
@@ -271,6 +325,20 @@ class Circles:
         first, last = self.arguments[list(side.corners)].tolist()
         return first, (last - first) % (2 * np.pi) or 2 * np.pi
 
+    def places(self, side: Side) -> Chebyshev:
+        """`Side.place` that is steep where other circles are near: about the conformal coordinate of a narrow gap."""
+        first, arc = self.arc(side)
+        radius = self.radii[side.rim]
+
+        def slope(u: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+            z = self.centres[side.rim] + radius * cis(self.signs[side.rim] * (first + arc * u))
+            gaps = np.abs(np.abs(z - self.centres[:, None]) - self.radii[:, None])
+            return np.asarray(1 + _CROWDING * arc * radius * (1 / np.delete(gaps, side.rim, axis=0)).sum(axis=0))
+
+        whole = Chebyshev.interpolate(slope, _GAP_DEGREE, domain=[0, 1]).integ(lbnd=0)
+        scaled: Chebyshev = whole / float(whole(1.0))
+        return scaled
+
     def _marks(self, rim_of_corner: Int[np.ndarray, " c"]) -> Complex[np.ndarray, " k"]:
         """Images of corners on the outer circle, and centres of holes."""
         return np.concatenate([self.images(rim_of_corner)[rim_of_corner == 0], self.centres[1:]])
@@ -326,6 +394,15 @@ class Circles:
         np.fill_diagonal(gaps, 0.0)
         return np.asarray(gaps)
 
+    def _arcs(self, rim_of_corner: Int[np.ndarray, " c"]) -> Float[np.ndarray, " c"]:
+        """The shorter arc beside each corner."""
+        arcs = np.empty(len(rim_of_corner))
+        for rim in np.unique(rim_of_corner):
+            own = rim_of_corner == rim
+            ahead = np.diff(np.append(self.arguments[own], self.arguments[own][0] + 2 * np.pi))
+            arcs[own] = np.minimum(ahead, np.roll(ahead, 1))
+        return arcs
+
     def poles(
         self, rim_of_corner: Int[np.ndarray, " c"], exponents: Float[np.ndarray, " c"]
     ) -> tuple[Complex[np.ndarray, " k"], Float[np.ndarray, " k"]]:
@@ -333,8 +410,9 @@ class Circles:
         radii, signs = self.radii, self.signs
         rims, directions, distances = [], [], []
         turns = cis(signs[rim_of_corner] * self.arguments)
-        for rim, direction, exponent in zip(rim_of_corner, turns, exponents, strict=True):
-            cluster = _cluster(float(exponent))
+        arcs = self._arcs(rim_of_corner)
+        for rim, direction, exponent, arc in zip(rim_of_corner, turns, exponents, arcs, strict=True):
+            cluster = _cluster(float(exponent), float(arc))
             rims.append(np.full(len(cluster), rim))
             directions.append(np.full(len(cluster), direction))
             # the poles of a hole stay between its circle and its centre
@@ -512,8 +590,24 @@ class CorneredSurface:
         largest = np.zeros(rims.corners)
         for side, rows in zip(rims.sides, rims.rows, strict=True):
             for corner, share in zip(side.corners or (), side.shares, strict=False):
-                largest[corner] = max(largest[corner], np.median(defects[rows][share < _NEAR]))
+                largest[corner] = max(largest[corner], np.median(defects[rows][abs(np.log10(share / _NEAR)) < 0.5]))
         return largest < _CONFORMAL
+
+    def refitted(self, exponents: Float[np.ndarray, " c"]) -> CorneredSurface:
+        """The surface with other angles at corners, over π, and modes for its gaps between circles."""
+        form, old = self.form, self.form.rims
+        rims = old.adapted(exponents, form.circles)
+        slides = self.slides.copy()
+        for before, after, columns in zip(old.sides, rims.sides, rims.columns, strict=True):
+            if after.corners is None:
+                continue
+            # beyond the range of another angle, the sum of the modes is continued as a constant
+            least = [_CONTINUED if a != b else 0.0 for a, b in zip(before.exponents, after.exponents, strict=True)]
+            u = np.clip(after.shares[0], least[0], 1 - least[1])
+            shares = np.stack([u, np.maximum(after.shares[1], least[1])])
+            sums = before.base(shares) + before.modes(shares) @ self.slides[columns] - after.base(shares)
+            slides[columns] = np.linalg.lstsq(after.modes(after.shares), sums, rcond=None)[0]
+        return CorneredSurface(form=replace(form, rims=rims), slides=slides)
 
     def derivatives(self) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k k"]]:
         """Gradient and Hessian of the energy in the coefficients of slides, then the moduli.
@@ -525,8 +619,10 @@ class CorneredSurface:
         (_, tangent, bend), modes, root = self._points, form.rims.modes, form.root
         normal = root @ self._projected
         pull = (tangent * normal).sum(1)
-        turned = np.concatenate([root.T @ (component[:, None] * modes) for component in tangent.T])
-        own = modes.T @ ((bend * normal).sum(1)[:, None] * modes) + turned.T @ turned
+        turned = form.rims.by_modes((tangent[:, :, None] * root[:, None]).reshape(len(root), -1)).reshape(
+            len(modes.T), -1
+        )
+        own = form.rims.by_modes((bend * normal).sum(1)[:, None] * modes) + turned @ turned.T
         (_, steps), (_, slopes, bends) = form.nodes, form.at_nodes
         phi, phi_slope = slopes @ self.coefficients, bends @ self.coefficients
         moves, second = self._vanishing_moves()
@@ -537,7 +633,7 @@ class CorneredSurface:
         changes = phi_slope[:, :, None] * (velocities * steps[:, None])[:, None] + phi[:, :, None] * along[:, None]
         displaced = root.T @ carried.real.reshape(n, -1)
         normals = changes.imag.reshape(n, -1) - root @ displaced  # derivatives of ΛX
-        mixed = modes.T @ (tangent[:, :, None] * normals.reshape(n, 3, count)).sum(1)
+        mixed = form.rims.by_modes((tangent[:, :, None] * normals.reshape(n, 3, count)).sum(1))
         displaced = displaced.reshape(-1, count)
         by_moduli = displaced.T @ displaced - carried.real.reshape(-1, count).T @ changes.imag.reshape(-1, count)
         by_moduli += 0.5 * ((squares[:, None] * velocities).T @ along - second(squares * steps)).imag
@@ -622,7 +718,7 @@ class CorneredSurface:
         return is_free
 
 
-def stationary(start: CorneredSurface, steps: Steps) -> tuple[CorneredSurface, int]:
+def stationary(start: CorneredSurface, steps: Steps, negligible: float = _NEGLIGIBLE) -> tuple[CorneredSurface, int]:
     """The critical point of the energy that damped Newton steps from a start lead to, and its Morse index.
 
     Negative curvature is reversed. Long steps are damped, and shortened until they lower the energy.
@@ -651,12 +747,14 @@ def stationary(start: CorneredSurface, steps: Steps) -> tuple[CorneredSurface, i
         fall = -float(step[is_free] @ gradient)
         steps.take("Douglas-Newton", math.sqrt(abs(fall) / here.energy))
         is_slow, before = _SLOW * before < fall < _ENOUGH * here.energy, fall
-        if fall < _NEGLIGIBLE * here.energy or is_slow:
+        if fall < negligible * here.energy or is_slow:
             return here, int(np.count_nonzero(curvatures < -_FLAT * sizes.max()))
         there = _lower(here, step)
         if there is None:
             break
         here = there
+    if fall < _ENOUGH * here.energy:
+        return here, int(np.count_nonzero(curvatures < -_FLAT * sizes.max()))
     raise UnresolvedRimsError(rims=len(here.form.circles.centres), failure="does not converge")
 
 

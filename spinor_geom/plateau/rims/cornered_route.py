@@ -14,8 +14,9 @@ from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Complex, Float
+from scipy.integrate import cumulative_trapezoid
 
-from spinor_geom.arrays import EPS, NUMPY, to_numpy, unit
+from spinor_geom.arrays import EPS, NUMPY, cis, to_numpy, unit
 from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary
 from spinor_geom.domain.quadrature import path_to
 from spinor_geom.errors import SurfaceError
@@ -26,7 +27,15 @@ from spinor_geom.plateau.network.discretisation import Discretisation
 from spinor_geom.plateau.network.network_route import NetworkSolver
 from spinor_geom.plateau.problem import PlateauProblem
 from spinor_geom.plateau.rims.capacity_path import mean_modulus
-from spinor_geom.plateau.rims.cornered import Circles, CorneredRims, CorneredSurface, CornerForm, Side, stationary
+from spinor_geom.plateau.rims.cornered import (
+    ROUGHLY,
+    Circles,
+    CorneredRims,
+    CorneredSurface,
+    CornerForm,
+    Side,
+    stationary,
+)
 from spinor_geom.plateau.rims.starts import OrientedSurface
 from spinor_geom.plateau.route_result import RimsResult, RouteResult
 from spinor_geom.surface.array_surface import PATH_ORDER
@@ -37,8 +46,8 @@ _DEGREE = 14  # of the polynomials of the arcs: to rounding errors for such turn
 _LEAST_EDGES = 6  # of a side
 _FREQUENCIES = 10, 96  # least and largest number of frequencies of a rim without corners
 _SPECTRUM = 1e-7  # share of the amplitude of Γ above the frequencies of the slide, which has half of them
-_SAMPLES = 256  # of Γ for its spectrum
-_POLES = 28  # at each corner; with 20 residuals are twice as large
+_SAMPLES = 256  # of Γ for its spectrum, and of a side for the gap
+_POLES = 16  # at each corner; with 28 residuals are a sixth smaller, and the fit takes twice as long
 _LEVELS = 9  # of edges towards a corner with an angle below 180°; with 5 areas are off by 5e-6
 # Modes of the start's slides that are fitted to nodes, and the least share of a side between these and its ends
 _START_MODES, _INSIDE = 3, 0.02
@@ -55,11 +64,12 @@ def solve_with_corners(problem: PlateauProblem, oriented: OrientedSurface) -> Ro
     """
     start = _Start.of(problem, oriented)
     with problem.clock.stage("slides"):
-        surface, _ = stationary(start.surface(start.exponents), problem.steps)
+        surface, _ = stationary(start.surface, problem.steps, ROUGHLY)
+        surface, _ = stationary(surface.refitted(start.exponents), problem.steps)
         are_right = surface.are_conformal_at_corners()
         if not are_right.all():
             exponents = np.where(are_right, start.exponents, 2 - start.exponents)
-            surface, _ = stationary(start.surface(exponents), problem.steps)
+            surface, _ = stationary(surface.refitted(exponents), problem.steps)
     return _Lifted(problem=problem, curves=start.curves, surface=surface).fitted(oriented)
 
 
@@ -104,15 +114,17 @@ class _Start:
         """Probable angles of the surface at all corners, over π."""
         return np.concatenate(list(map(self._exponents, range(len(self.curves)), self._corners)))
 
-    def surface(self, exponents: Float[np.ndarray, " c"]) -> CorneredSurface:
-        """The start of Newton's method with given angles of the surface at corners, over π."""
-        corners = self._corners
+    @property
+    def surface(self) -> CorneredSurface:
+        """The start of Newton's method."""
+        corners, exponents = self._corners, self.exponents
         rims = CorneredRims.of(
             [CurveTensors.of(curve, NUMPY) for curve in self.curves],
             corners,
             np.split(exponents, np.cumsum([len(own) for own in corners])[:-1]),
             [0 if len(own) else _frequencies(curve) for own, curve in zip(corners, self.curves, strict=True)],
         )
+        rims = rims.adapted(exponents, self.circles)
         slides = np.concatenate(list(map(self._modes, rims.sides)))
         return CorneredSurface(form=CornerForm(rims=rims, circles=self.circles), slides=slides)
 
@@ -231,18 +243,18 @@ class _Lifted:
     def _boundaries(self) -> tuple[SplineBoundary, ...]:
         """The circles, from their first corners on."""
         circles = self.surface.form.circles
-        count = len(circles.centres)
-        gaps = np.where(np.eye(count, dtype=bool), np.inf, circles.gaps).min(axis=1)
         boundaries = []
         for rim, (centre, radius, sign) in enumerate(zip(circles.centres, circles.radii, circles.signs, strict=True)):
             arguments = self._ends(rim)
             parts = []
             sides = (side for side in self.surface.form.rims.sides if side.rim == rim)
             for (start, end), side in zip(pairwise(arguments.tolist()), sides, strict=True):
-                edges = max(_LEAST_EDGES, (end - start) / min(_TURN, gaps[rim] / radius))
-                even = np.linspace(start, end, math.ceil(edges) + 1)
-                near = (even[1] - start) * 0.25 ** np.arange(_LEVELS, 0, -1)
-                ahead, back = (near[: _LEVELS * (exponent < 1)] for exponent in side.exponents)
+                even = self._edges(rim, start, end)
+                near = 0.25 ** np.arange(_LEVELS, 0, -1)
+                ahead, back = (
+                    length * near[: _LEVELS * (exponent < 1)]
+                    for length, exponent in zip((even[1] - start, end - even[-2]), side.exponents, strict=True)
+                )
                 parts.append(np.concatenate([[start], start + ahead, even[1:-1], end - back[::-1]]))
             corners = np.concatenate([np.arange(len(part)) == 0 for part in parts]) & self._has_corners(rim)
             at = np.append(np.concatenate(parts), arguments[-1])
@@ -253,6 +265,17 @@ class _Lifted:
             parameters = np.append((at[:-1] - at[0]) / (2 * np.pi), 1.0)
             boundaries.append(SplineBoundary(parameters, coefficients, corners))
         return tuple(boundaries)
+
+    def _edges(self, rim: int, start: float, end: float) -> Float[np.ndarray, " k"]:
+        """Arguments between two on a circle, in steps as long as the gap to the nearest other circle at most."""
+        circles = self.surface.form.circles
+        at = np.linspace(start, end, _SAMPLES)
+        z = circles.centres[rim] + circles.radii[rim] * cis(circles.signs[rim] * at)
+        gaps = np.abs(np.abs(z - circles.centres[:, None]) - circles.radii[:, None])
+        longest = np.minimum(_TURN, np.delete(gaps, rim, axis=0).min(axis=0) / circles.radii[rim])
+        edges = cumulative_trapezoid(1 / longest, at, initial=0)
+        edges *= max(math.ceil(edges[-1]), _LEAST_EDGES) / edges[-1]
+        return np.asarray(np.interp(np.arange(round(edges[-1]) + 1), edges, at))
 
     def _has_corners(self, rim: int) -> bool:
         return bool((self.surface.form.rims.rim_of_corner == rim).any())
