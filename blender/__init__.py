@@ -14,6 +14,8 @@ ADVICE = {
     r"give its index in loop=": "select its rim",
     r"by its index in loop=": "with its rim selected",
     r"(fill_hole\(mesh, merge=|read_mesh\().*--merge(.* on the command line)?": "Merge by Distance",
+    r"target_edge_length": "the Edge Length",
+    r"time_limit": "the Time Limit",
     r" \(--[\w-]+\)|; islands='join' joins them": "",
 }
 
@@ -24,13 +26,18 @@ class Options:
     """The options that the sidebar keeps for the next fill, and an operator for its last one."""
 
     edge_length: bpy.props.FloatProperty(
-        name="Edge Length", description="Of the new faces; 0 for that of each rim", min=0.0, subtype="DISTANCE"
+        name="Edge Length",
+        description="Of the new faces; 0 for that of each rim",
+        min=0.0,
+        subtype="DISTANCE",
+        options={"SKIP_SAVE"},
     )
     time_limit: bpy.props.FloatProperty(
         name="Time Limit",
         description="Seconds for each hole; a fill that reaches it is coarser or less exact",
         default=20.0,
         min=0.1,
+        options={"SKIP_SAVE"},
     )
 
 
@@ -47,6 +54,12 @@ class Fill(Options):
     def poll(cls, context):
         """Whether a mesh is being edited."""
         return context.mode == "EDIT_MESH"
+
+    def invoke(self, context, event):
+        """Runs with the options of the sidebar, from a button, a menu or a key."""
+        settings = context.scene.spinor_geom
+        self.edge_length, self.time_limit = settings.edge_length, settings.time_limit
+        return self.execute(context)
 
     def execute(self, context):
         """Fills the chosen holes of the meshes that are being edited, selects the new faces, and reports."""
@@ -103,7 +116,11 @@ class Fill(Options):
     def tell(self, outcomes, notes, faces):
         """Reports the counts, the notes, and each shortcoming with its reason."""
         if not outcomes:
-            where = "at the selection; deselect all to fill all holes" if self.is_anything_selected else "in the mesh"
+            where = (
+                "at the selection; deselect all to fill all holes"
+                if self.is_anything_selected
+                else "in the visible mesh"
+            )
             self.report({"WARNING"}, f"There is no hole {where}")
             return
         kinds = Counter(KINDS[one.kind] for one in outcomes if one.filled)
@@ -178,12 +195,10 @@ OPERATORS = (FillMinimal, FillSmooth, FillAutomatic)
 
 
 def draw_operators(self, context):
-    """Draws the operators with the options of the sidebar, in the Face menu or a panel."""
-    settings = context.scene.spinor_geom
+    """Draws the operators in the Face menu or in the panel."""
     self.layout.separator()
     for operator in OPERATORS:
-        options = self.layout.operator(operator.bl_idname)
-        options.edge_length, options.time_limit = settings.edge_length, settings.time_limit
+        self.layout.operator(operator.bl_idname)
 
 
 class Sidebar(bpy.types.Panel):

@@ -10,6 +10,7 @@ import sys
 import zipfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -169,6 +170,20 @@ def test_edge_lengths_have_the_units_of_the_world() -> None:
     assert np.median(inner) == pytest.approx(0.2, rel=0.3)
 
 
+def test_buttons_take_the_options_of_the_sidebar_and_scripts_the_defaults(extension: Any) -> None:
+    bpy.context.scene.spinor_geom.edge_length = 0.5
+    pressed = SimpleNamespace(execute=lambda context: {"FINISHED"})  # without windows Blender does not invoke operators
+    assert extension.Fill.invoke(pressed, bpy.context, None) == {"FINISHED"}
+    assert (pressed.edge_length, pressed.time_limit) == (0.5, 20.0)
+    counts = []
+    for options in ({}, {"edge_length": 0.2}, {}):
+        edit(*tube())
+        fill(**options)
+        counts.append(len(edited().faces) - 64)
+        bpy.ops.object.mode_set(mode="OBJECT")
+    assert counts[0] == counts[2] < counts[1] / 2
+
+
 def test_hidden_holes_stay_open() -> None:
     edit(*tube())
     mesh = edited()
@@ -194,9 +209,9 @@ def test_a_hundred_holes() -> None:
 @pytest.mark.parametrize(
     ("made", "says"),
     [
-        (lambda: edit(CUBE_POINTS, CUBE_QUADS), "Warning: There is no hole in the mesh"),
+        (lambda: edit(CUBE_POINTS, CUBE_QUADS), "Warning: There is no hole in the visible mesh"),
         (lambda: edit(CUBE_POINTS, CUBE_QUADS, 0), "Warning: There is no hole at the selection; deselect all"),
-        (lambda: edit(np.zeros((0, 3)), []), "Warning: There is no hole in the mesh"),
+        (lambda: edit(np.zeros((0, 3)), []), "Warning: There is no hole in the visible mesh"),
         (lambda: edit(CUBE_POINTS[:3], [[0, 1, 2]]), "Warning: 0 of 1 holes filled, 0 new faces; loop 0"),
     ],
 )
