@@ -1,6 +1,6 @@
 """Solves with other values of a tuned constant: `python benchmarks/constants.py plateau.steps:STALLED 0.5 0.9`.
 
-Comments beside constants say what changes with another value. This prints it for loops of four kinds: how many
+Comments beside constants say what changes with another value. This prints it for loops of six kinds: how many
 converge, the largest distance from the loop in its mean edges, the largest relative change of an area, and the CPU
 time. Without values, numbers are halved and doubled. A pattern such as 'plateau.harmonic*' names all constants that
 match.
@@ -19,6 +19,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from spinor_geom import gallery
 from spinor_geom.bench.cases import KNOWN, SAMPLED, known_case
 from spinor_geom.bench.ragged import CUT, NOISY, ragged_hole
 from spinor_geom.errors import SpinorGeomError
@@ -37,6 +38,12 @@ def rim(name: str) -> BoundaryLoop:
 GROUPS: Mapping[str, Callable[[], list[BoundaryLoop]]] = {
     "smooth": lambda: [known_case(name).loop(64) for name in (*KNOWN, *SAMPLED) if known_case(name).kind == "smooth"],
     "corners": lambda: [known_case(name).loop(32) for name in KNOWN if known_case(name).kind != "smooth"],
+    "random": lambda: [gallery.random_curve(seed).sample(64) for seed in range(60)],
+    "narrow": lambda: [
+        gallery.noisy_loop(gallery.ellipse(a, 0.2).sample(96), share, seed=0)
+        for a in (4, 8, 16)
+        for share in (0.0, 0.05)
+    ],
     "cut": lambda: [rim(name) for name in CUT],
     "noisy": lambda: [rim(name) for name, (_, points) in NOISY.items() if points <= 600],
 }

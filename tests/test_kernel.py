@@ -1,6 +1,7 @@
 """The binding of the compiled part: its version, its arguments, its failures."""
 
 import ctypes
+import re
 import shutil
 import subprocess
 import sys
@@ -54,6 +55,27 @@ def test_a_compiled_part_without_a_function_is_stale(copy, monkeypatch):
     monkeypatch.setitem(kernel.FUNCTIONS, "another", ())
     with pytest.raises(CompiledPartError, match="other sources"):
         kernel.load(copy)
+
+
+# of C++, and what a function takes for them
+TYPES = {
+    "int64_t": kernel._INTEGER,
+    "double": kernel._NUMBER,
+    "const int64_t*": kernel._INDICES,
+    "const double*": kernel._NUMBERS,
+    "const Point*": kernel._POINTS,
+    "const Point3*": kernel._NUMBERS,
+}
+
+
+def test_the_table_of_functions_has_the_arguments_of_the_sources():
+    text = "".join(file.read_text(encoding="utf-8") for file in (PACKAGE / "cpp").glob("*.cpp"))
+    found = {name: arguments.split(",") for name, arguments in re.findall(r"ENTRY_POINT int (\w+)\(([^)]*)\)", text)}
+    types = {name: [argument.strip().rpartition(" ")[0] for argument in found[name]] for name in found}
+    assert {
+        name: tuple(TYPES[kind if kind in TYPES else f"const {kind}"] for kind in kinds)
+        for name, kinds in types.items()
+    } == kernel.FUNCTIONS
 
 
 BAD_ARRAYS = {
