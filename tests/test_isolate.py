@@ -192,7 +192,6 @@ def test_no_process_imports_from_the_folder_of_the_mesh(tmp_path: Path) -> None:
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(start)])}
     for command in (
         [program, "batch", "mesh.obj", "-o", "batch", "--workers", "1"],
-        [program, "render", "mesh.obj", "-o", "mesh.png"],
         [program, "fill", "mesh.obj", "-o", "filled.obj", "--picture", "picture.png"],
         [sys.executable, str(tmp_path / "measure.py")],
     ):

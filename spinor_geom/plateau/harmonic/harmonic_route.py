@@ -53,7 +53,6 @@ MOST_FREE_POINTS, _MOST_PER_EDGE_OF_LONG = 1500, 64
 FEWEST_NODES = 256
 # Relative gradient at which coarse solves stop. Final solves on smooth loops stop at this times the tolerance.
 COARSE = 1e-4
-_COARSE_STEPS = 30  # most steps of a coarse solve; with 60 loops that need more take longer and converge no more often
 # Distance of a coarse surface over a smooth loop, in edges, beyond which a finer disk is flattened. Of 106 random loops
 # that have less, all but one converge on the first Ω; of 31 that have more, 5 do, and 9 on the Ω of the finer disk.
 _FAR = 0.01
@@ -190,7 +189,7 @@ class HarmonicSolver:
                 form,
                 start[None],
                 tolerances=[COARSE],
-                max_steps=[self.most_steps(form) if self.is_rough else min(_COARSE_STEPS, self.most_steps(form))],
+                max_steps=[self.most_steps(form)],
                 negligible=[self.negligible_energy(form)],
                 on_step=[self.take],
             )

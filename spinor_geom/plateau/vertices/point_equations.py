@@ -25,6 +25,7 @@ from spinor_geom.arrays import (
     square,
     zeros,
 )
+from spinor_geom.plateau.newton import MOST_STEPS
 
 # Damping, as a share of the mean of the Gram matrix's diagonal, as some equations may have no solution: for n paths
 # n times |D x|², D the differences along a rim, as for errors of the points between the paths, and |x|². Residuals, in
@@ -35,7 +36,6 @@ _DAMPING = 1e-9
 # steps until the matrix is definite, and solutions are corrected until the equations hold to _ACCURACY. Newton's method
 # takes the same steps with 1e-4, and more with 1e-2.
 _MANY, _SINGLE_DAMPINGS, _ACCURACY = 400, (3e-7, 3e-6, 3e-5), 1e-3
-_MOST_DIRECTIONS = 40  # usual numbers are 3 to 10
 
 
 class _Direction(NamedTuple):
@@ -116,7 +116,7 @@ class PointEquations:
         for each in self.directions:
             share = (each.own * right).sum()
             solution, right = solution + share * each.own, right - share * each.image
-        for _ in range(_MOST_DIRECTIONS):
+        for _ in range(MOST_STEPS):  # usual numbers are 3 to 10
             if float(square(right).sum()) <= wanted:
                 break
             own = self._approximate(right)
