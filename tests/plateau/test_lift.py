@@ -170,7 +170,7 @@ def test_points_that_hardly_move_along_the_curve_need_no_new_evaluation(monkeypa
     monkeypatch.setattr(lift_module, "_on", lambda *given: evaluations.append(given) or evaluate(*given))
     quick = lifted(disk, DISK, curve, allowed=np.inf)
     assert len(evaluations) == 1
-    monkeypatch.setattr(lift_module, "_SMALL_MOVE", -1.0)
+    monkeypatch.setattr(lift_module, "SMALL", -1.0)
     evaluated = lifted(disk, DISK, curve, allowed=np.inf)
     # rounding errors of Γ, whose diameter is about 1
     assert abs(quick.misfit.rms - evaluated.misfit.rms) < 1e-15

@@ -44,6 +44,7 @@ from spinor_geom.plateau.harmonic.dirichlet import CirclesForm, DirichletForm
 from spinor_geom.plateau.harmonic.douglas import HarmonicDisk, resampled
 from spinor_geom.plateau.harmonic.traces import OnCircles, OnCurve, changes, closed, gap_rows, gaps, moves_by, slopes
 from spinor_geom.plateau.misfit import Misfit
+from spinor_geom.plateau.newton import SMALL
 from spinor_geom.plateau.stability import Curvature, curvature_within
 from spinor_geom.surface.formulas import null_vector
 from spinor_geom.surface.frames import signs_close_up, spinors_from_phi
@@ -51,9 +52,6 @@ from spinor_geom.surface.frames import signs_close_up, spinors_from_phi
 # Steps for the constant and the closest points; with one the distance from folded curves is 2 % too large.
 _PLACING_STEPS = 2
 WORTHWHILE = 0.5  # a new lift, a Gauss-Newton step or more nodes must reduce the distance by this factor
-# Largest movement of a point along Γ, as a share of its parameter, for which the Taylor polynomial of second order is
-# exact to rounding: over 64 smooth loops of 64 points three quarters of the movements are less than a tenth of it.
-_SMALL_MOVE = 1e-7
 _EACH = 3  # sample points per node; with three the mean squared distance is exact
 
 
@@ -267,7 +265,8 @@ class _SampledBoundary:
             error, speed2 = null_curve.real - near.point, square(near.tangent).sum(1)
             move = (error * near.tangent).sum(1) / xp.maximum(speed2 - (error * near.bend).sum(1), speed2 / 2)
             near = near.moved(xp.clip(move, -most, most))
-        far = indices(xp.max(abs(near.slides - start), axis=(1, 2)) > _SMALL_MOVE)
+        # after shorter movements the Taylor polynomial of second order is exact to rounding
+        far = indices(xp.max(abs(near.slides - start), axis=(1, 2)) > SMALL)
         if len(far):
             near = near.replaced(far, _on(self.at(far).curves, near.slides[far]))
         error = null_curve.real - near.point
