@@ -20,6 +20,7 @@ from spinor_geom.domain.polygons import crossing_edges
 from spinor_geom.domain.triangulation import PlaneTriangulation
 from spinor_geom.errors import DomainError
 from spinor_geom.mesh.intersections import crossings_between
+from spinor_geom.mesh.operators import nearest_on_mesh
 from spinor_geom.plateau.rim_match import RimMatch
 
 _ROUNDS = 6  # of halving edges
@@ -37,12 +38,10 @@ def edges_far_from_arcs(domain: PlaneDomain, plane: PlaneTriangulation) -> Int[n
         return np.zeros(0, dtype=np.int64)
     outside = domain.distance_outside(plane.points[m:])
     some = outside > 0
-    z, boundary = plane.points[m:][some], plane.points[:m]
-    edge = boundary[rim_successors(plane.rims)] - boundary
-    away = (z[:, None] - boundary) / edge
-    distance = np.abs(away - np.clip(away.real, 0, 1)) * np.abs(edge)
-    nearest = distance.argmin(axis=1)
-    return np.unique(nearest[outside[some] > _FAR_OUTSIDE * np.abs(edge)[nearest]])
+    z, boundary, after = plane.points[m:][some], plane.points[:m], rim_successors(plane.rims)
+    edges = np.stack([np.arange(m), after], axis=1)
+    _, nearest, _ = nearest_on_mesh(flat_coordinates(z), flat_coordinates(boundary), edges)
+    return np.unique(nearest[outside[some] > _FAR_OUTSIDE * np.abs(boundary[after] - boundary)[nearest]])
 
 
 def _is_polygon(domain: PlaneDomain, vertices: Complex[np.ndarray, " m"]) -> bool:
