@@ -44,7 +44,7 @@ def self_intersections(vertices: Points, faces: Faces) -> Pairs:
         # faces with the same vertices do not cross
         differ = (np.sort(faces[i], axis=1) != np.sort(faces[j], axis=1)).any(axis=1)
         differ[differ] = _insides_meet(corners[i[differ]], corners[j[differ]])
-        return differ
+        return np.asarray(differ)
 
     return sorted_pairs(_near_faces(corners, None, meet))
 
