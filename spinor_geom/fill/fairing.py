@@ -15,7 +15,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.sparse import csc_array, diags_array
+from scipy.sparse import csc_array, csr_array
 
 from spinor_geom.deadline import is_out_of_time
 from spinor_geom.domain.delaunay import rim_successors, unique_edges
@@ -170,7 +170,7 @@ class _Equations:
     def smoothed(self, x: Positions) -> Positions:
         """Minimises ∫|Δx|² over the free vertices, with the Laplacian of the given positions."""
         n, bending = self.free, Bending.of(x, self._faces)
-        bilaplacian = self._slope(bending) @ bending.laplacian[: self.inside]
+        bilaplacian = self._slope(bending) @ bending.laplacian
         moved = factor_symmetric(bilaplacian[:, :n]).solve(-(bilaplacian[:, n:] @ x[n:]))
         return np.concatenate([moved, x[n:]])
 
@@ -226,10 +226,14 @@ class _Equations:
             x[:n] += step[:, None] * bending.normals[:n]
         return x, steps, left
 
-    def _slope(self, bending: Bending) -> csc_array:
-        """L/A, from the patch's vertices where H is defined (columns) to the free ones (rows)."""
-        weight = diags_array(self._bends / bending.areas[: self.inside])
-        return csc_array(bending.laplacian[: self.free, : self.inside] @ weight)
+    def _slope(self, bending: Bending) -> csr_array:
+        """L/A, from the vertices of the patch where H is defined (columns) to the free ones (rows)."""
+        laplacian, weight = bending.laplacian, np.zeros(len(bending.areas))  # symmetric: its columns are its rows
+        weight[: self.inside] = self._bends / bending.areas[: self.inside]
+        starts = laplacian.indptr[: self.free + 1]
+        columns = laplacian.indices[: starts[-1]]
+        values = laplacian.data[: starts[-1]] * weight[columns]
+        return csr_array((values, columns, starts), shape=(self.free, len(weight)))
 
     def _gradient_form(self, x: Positions, bending: Bending) -> csc_array:
         if self._known is None:
@@ -238,11 +242,13 @@ class _Equations:
 
     def _stiffness(self, x: Positions, bending: Bending) -> csc_array:
         """Derivative of the residual with respect to displacements along the normals, without lower-order terms."""
-        s, slope = self.inside, self._slope(bending)
-        weight = diags_array(bending.areas[:s])
+        slope = self._slope(bending)
+        weighted = csr_array(
+            (slope.data * bending.areas[slope.indices], slope.indices, slope.indptr), shape=slope.shape
+        )
         if self._squared_length:
-            weight = weight + self._squared_length * self._gradient_form(x, bending)[:s, :s]
-        return csc_array(0.5 * (slope @ weight @ slope.T))
+            weighted = weighted + self._squared_length * (slope @ self._gradient_form(x, bending))
+        return csc_array(0.5 * (weighted @ slope.T))
 
     def _residual(self, x: Positions, bending: Bending) -> Float[np.ndarray, " k"]:
         """L(H + ℓ²LH/A) at the free vertices."""

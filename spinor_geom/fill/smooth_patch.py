@@ -56,8 +56,8 @@ def smooth_patch(
     The continuation is good if it has converged without folds, has no intersections, angles of at least 10° except
     between edges of the rim, few replaced faces, and not far more area than a spherical cap. If it is not good, and the
     film has more intersections, it is kept as a discrete patch without the measures of a continuation, with the reason.
-    If it has not converged, is folded or too large, that needs a patch without intersections. With `is_choice` the film
-    is taken where it meets the mesh at more than 65° (RMS), unless it intersects something.
+    A patch with intersections and another defect is never kept. With `is_choice` the film is taken where it meets the
+    mesh at more than 65° (RMS), unless it intersects something.
 
     Args:
         patched: the mesh.
@@ -82,10 +82,9 @@ def smooth_patch(
         if reason and not len(film().crossings):
             raise SurfaceError(reason)
         smooth = smooth.fitted(patched) if reason else _cleared(patched, smooth, lengths)
-        own = len(smooth.crossings)
+        reason, own = reason or _defect(smooth) or _defect_of_clearing(smooth), len(smooth.crossings)
         if reason and own:
             raise SurfaceError(reason)
-        reason = reason or _defect(smooth) or _defect_of_clearing(smooth)
         if not reason and not own:
             choice = f"the continuation was chosen, because film and mesh {met}" if is_choice else ""
             return replace(smooth, choice=choice)
