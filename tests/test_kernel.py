@@ -61,6 +61,7 @@ def test_a_compiled_part_without_a_function_is_stale(copy, monkeypatch):
 TYPES = {
     "int64_t": kernel._INTEGER,
     "double": kernel._NUMBER,
+    "const int32_t*": np.ctypeslib.ndpointer(np.int32, flags="C_CONTIGUOUS"),
     "const int64_t*": kernel._INDICES,
     "const double*": kernel._NUMBERS,
     "const Point*": kernel._POINTS,
