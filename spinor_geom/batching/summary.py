@@ -1,6 +1,7 @@
 """The summary of a batch: a CSV table of all loops, a log in the order of the inputs, and a page without scripts."""
 
 import csv
+import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator
@@ -17,11 +18,12 @@ from spinor_geom.batching.settings import BatchOptions
 from spinor_geom.batching.store import Store, explanation, failure, log_line, summary
 from spinor_geom.files import atomic_path, together, write_text
 from spinor_geom.render.camera import Camera, upright
-from spinor_geom.render.page import document, table
+from spinor_geom.render.page import document, folded, table
 from spinor_geom.render.scene import RIM_COLOUR
 from spinor_geom.version import program_version
 
 FIRST, WORST, FAILED, REASONS = 12, 12, 48, 40  # largest numbers of each on the page
+BAR = 30  # characters of the longest bar of a histogram
 SIZE, MARGIN = 160, 8  # of a thumbnail
 TILT = np.radians(35.0)  # of the view, against the normal of the points' plane
 STYLE = """.loops { display: flex; flex-wrap: wrap; gap: 1rem }
@@ -100,7 +102,10 @@ class _PageContent:
         self.reasons: Counter[str] = Counter()
         self.first: list[dict[str, Any]] = []
         self.failed: list[dict[str, Any]] = []
+        self.imperfect: list[dict[str, Any]] = []
         self.worst: list[dict[str, Any]] = []  # by descending residual
+        # numbers of loops by floor(log10) of the residual, and of the seconds
+        self.decades: dict[str, Counter[int]] = {"residual per mean edge": Counter(), "seconds": Counter()}
 
     def add(self, record: dict[str, Any]) -> None:
         self.files[record["status"]] += 1
@@ -110,8 +115,14 @@ class _PageContent:
             self.loops[loop["status"]] += 1
             if loop["status"] == "failed":
                 self._add_failed(loop)
+            elif loop["status"] != "done":
+                self.imperfect = [*self.imperfect, loop][:FAILED]
             elif len(self.first) < FIRST:
                 self.first.append(loop)
+            measured = loop.get("residual_rms_per_edge"), loop["timings"].get("total")
+            for decades, value in zip(self.decades.values(), measured, strict=True):
+                if value:
+                    decades[math.floor(math.log10(value))] += 1
             if loop.get("residual_rms_per_edge") is not None and loop["files"]:
                 self.worst = sorted([*self.worst, loop], key=lambda one: -one["residual_rms_per_edge"])[:WORST]
 
@@ -125,24 +136,42 @@ class _PageContent:
 
 
 def _page(content: _PageContent, settings: dict[str, Any]) -> str:
-    body = ["<h1>spinor-geom batch</h1>", f"<p>All loops: <a href={TABLE}>{TABLE}</a>.</p>"]
-    for title, columns, rows in (
-        ("Files", ("status", "files"), content.files.items()),
-        ("Loops", ("status", "loops"), content.loops.items()),
-        ("Options", ("option", "value"), settings.items()),
-        ("Failures", ("reason", "times"), content.reasons.most_common()),
-    ):
-        if rows or title != "Failures":
-            body.append(f"<h2>{title}</h2>{table(columns, [(str(key), str(value)) for key, value in rows])}")
+    counts = [
+        f"{sum(counter.values())} {what}: {', '.join(f'{number} {status}' for status, number in counter.items())}"
+        for what, counter in (("files", content.files), ("loops", content.loops))
+        if counter
+    ]
+    body = [
+        "<h1>spinor-geom batch</h1>",
+        f"<p>{escape('; '.join(counts))}. {settings['seconds']} s. All loops: <a href={TABLE}>{TABLE}</a>.</p>",
+    ]
+    if content.reasons:
+        reasons = [(str(number), reason) for reason, number in content.reasons.most_common()]
+        body.append(f"<h2>Failures</h2>{table(('times', 'reason'), reasons)}")
     for title, loops in (
         ("First failures", content.failed),
+        ("Patches to check, and loops that are still open", content.imperfect),
         ("Largest boundary residuals", content.worst),
         ("First loops", content.first),
     ):
         if loops:
             figures = "".join(_figure(loop) for loop in loops)
             body.append(f"<h2>{title}</h2><div class=loops>{figures}</div>")
-    return document("spinor-geom batch", body, style=STYLE)
+    for name, decades in content.decades.items():
+        if decades:
+            body.append(f"<h2>Loops by {name}</h2>{_histogram(name, decades)}")
+    options = table(("option", "value"), [(key, str(value)) for key, value in settings.items()])
+    return document("spinor-geom batch", [*body, folded("Options", options)], style=STYLE)
+
+
+def _histogram(name: str, decades: Counter[int]) -> str:
+    """A table with a bar for each power of ten."""
+    most = max(decades.values())
+    rows = [
+        (f"1e{k} to 1e{k + 1}", str(decades[k]), "█" * math.ceil(BAR * decades[k] / most))
+        for k in range(min(decades), max(decades) + 1)
+    ]
+    return table((name, "loops", ""), rows)
 
 
 def _figure(loop: dict[str, Any]) -> str:

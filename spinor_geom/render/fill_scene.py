@@ -108,22 +108,29 @@ def mesh_layers(
     *,
     edges: bool | str = False,
     skin: Mapping[str, Any] | None = None,
+    apart: bool = False,
 ) -> list[Layer]:
-    """A mesh, with its own colours if `skin` has them, and its boundary loops; `edges` as in `Faces`."""
+    """A mesh, with its own colours if `skin` has them, and its boundary loops; `edges` as in `Faces`.
+
+    With `apart` each loop is a layer, which a click selects.
+    """
     layers: list[Layer] = [Faces(vertices=mesh.vertices, faces=mesh.faces, edges=edges, **(skin or {}), **MESH)]
-    if loops:
+    for number, loop in enumerate(loops if apart else ()):
+        segments = np.stack([np.arange(len(loop)), rim_successors((len(loop),))], axis=1)
+        layers.append(Lines(vertices=loop.points, edges=segments, width=4, loop=str(number)))
+    if loops and not apart:
         points = np.concatenate([loop.points for loop in loops])
         segments = np.stack([np.arange(len(points)), rim_successors(tuple(map(len, loops)))], axis=1)
         layers.append(Lines(vertices=points, edges=segments, width=2.5))
     return layers
 
 
-def shown_loop(outcomes: Sequence[LoopOutcome]) -> LoopOutcome | None:
+def shown_loop(outcomes: Sequence[LoopOutcome]) -> BoundaryLoop | None:
     """The filled loop of largest area, else the longest loop; None for a closed mesh."""
     filled = [outcome for outcome in outcomes if outcome.filled]
     if filled:
-        return max(filled, key=lambda outcome: outcome.area or 0.0)
-    return outcomes[0] if outcomes else None
+        return max(filled, key=lambda outcome: outcome.area or 0.0).loop
+    return outcomes[0].loop if outcomes else None
 
 
 def used_vertices(mesh: TriangleMesh) -> Float[np.ndarray, "v 3"]:
@@ -131,11 +138,10 @@ def used_vertices(mesh: TriangleMesh) -> Float[np.ndarray, "v 3"]:
     return np.asarray(mesh.vertices[referenced_vertices(mesh.faces, vertices=len(mesh.vertices))])
 
 
-def hole_camera(points: Float[np.ndarray, "v 3"], outcome: LoopOutcome | None, up: Literal["y", "z"] = "y") -> Camera:
+def hole_camera(points: Float[np.ndarray, "v 3"], loop: BoundaryLoop | None, up: Literal["y", "z"] = "y") -> Camera:
     """A camera that faces a hole and shows all points, or a small hole close up; without a hole, along the z axis."""
-    if outcome is None:
+    if loop is None:
         return Camera.facing(points, UPWARDS, up)
-    loop = outcome.loop
     camera = Camera.facing(points, loop.plane.normal, up)
     radius = _MARGIN * float(np.linalg.norm(loop.points - loop.centroid, axis=1).max())
     if radius < _CLOSE_UP * camera.radius:

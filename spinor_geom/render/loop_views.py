@@ -47,7 +47,7 @@ class LoopViews:
 
     @property
     def _faces(self) -> Faces:
-        return patch_faces(self.patch, self.fields)
+        return patch_faces(self.patch, self.fields, self.outcome.index)
 
     def _grid(self, vertices: Float[np.ndarray, "n 3"], *, switch: str | None = None) -> Lines:
         """The image of a square grid in Ω, interpolated between the given positions of the patch's vertices."""
@@ -126,9 +126,10 @@ class LoopViews:
             return {"p": p, "q": q, "f": -2 * q * q, "g": -p / q}
 
 
-def patch_faces(patch: Patch, fields: Mapping[str, Float[np.ndarray, " n"]]) -> Faces:
-    """A patch in the mesh's space."""
-    return Faces(vertices=patch.vertices, faces=patch.faces, fields=fields, edges=WIREFRAME, **PATCH)
+def patch_faces(patch: Patch, fields: Mapping[str, Float[np.ndarray, " n"]], loop: int) -> Faces:
+    """The patch of a loop in the mesh's space."""
+    look = {"edges": WIREFRAME, "loop": str(loop), **PATCH}
+    return Faces(vertices=patch.vertices, faces=patch.faces, fields=fields, **look)
 
 
 def mean_curvature_field(patch: Patch) -> Float[np.ndarray, " n"]:

@@ -46,16 +46,27 @@ def require_html(path: str | os.PathLike[str]) -> None:
         raise OptionError(f"{os.fspath(path)}: a page has the suffix .html, not '{Path(path).suffix}'; print it as PDF")
 
 
-def table(columns: Sequence[str], rows: Sequence[Sequence[str]], *, marked: Container[int] = ()) -> str:
-    """An HTML table of plain text; the marked rows are highlighted."""
+def table(
+    columns: Sequence[str], rows: Sequence[Sequence[str]], *, marked: Container[int] = (), by_loop: bool = False
+) -> str:
+    """An HTML table of plain text; the marked rows are highlighted.
+
+    With `by_loop` the first cells are numbers of loops: a row and the layers of its loop in the views are linked.
+    """
     head = "".join(f'<th scope="col">{html.escape(column)}</th>' for column in columns)
+    links = [f' data-row="{html.escape(row[0])}" tabindex="0"' if by_loop else "" for row in rows]
     lines = (
-        f"<tr{' class=missed' * (k in marked)}>"
+        f"<tr{' class=missed' * (k in marked)}{links[k]}>"
         + "".join(f"<td{' class=long' * (len(text) > _LONG)}>{html.escape(text)}</td>" for text in row)
         + "</tr>"
         for k, row in enumerate(rows)
     )
     return f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(lines)}</tbody></table>"
+
+
+def folded(title: str, *parts: str, is_open: bool = False) -> str:
+    """Pieces of HTML below a title that opens and closes them."""
+    return f"<details{' open' * is_open}><summary>{html.escape(title)}</summary>{''.join(parts)}</details>"
 
 
 def cell(value: Any, digits: int = 4) -> str:

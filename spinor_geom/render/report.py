@@ -3,8 +3,10 @@
 import html
 import io
 import os
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -40,13 +42,14 @@ from spinor_geom.render.loop_views import (
     mean_curvature_field,
     patch_faces,
 )
-from spinor_geom.render.page import Views, cell, document, panel, picture, require_html, table
+from spinor_geom.render.page import Views, cell, document, folded, panel, picture, require_html, table
 from spinor_geom.render.scene import Scene
 
 MOST_LOOPS = 8  # loops with exact surfaces, the longest first, whose Ω and functions are shown
 MOST_FACES = 120_000  # triangles of the mesh that are shown: half of them as they are, near its loops
 _COARSER = 1.25  # factor of the cells of a mesh that has too many triangles
 _KEYS = "Drag to turn, with Shift to move, wheel or + and − to zoom, double click or 0 to reset."
+_LISTED = ("loop", "points", "perimeter", "size", "centre", "remark")  # columns of the page of loops
 _MOST_REMARKS = 3  # a longer list is collapsed
 _PIXELS = 144  # of the longer side of a function's picture
 _PAGE_STYLE = "body { max-width: 90rem; margin: 1rem auto } h1 { font-size: 1.5rem; margin: 1rem 0 .5rem }"
@@ -99,8 +102,7 @@ def report(
             *_scenes(result, details, views),
             *(_loop_section(one, (comparisons or {}).get(one.outcome.index)) for one in details),
             *_continuations(result.loops),
-            "<h2>All loops</h2>",
-            f'<div class="all">{_loop_table(result.loops)}</div>',
+            folded("All figures of all loops", f'<div class="all">{_loop_table(result.loops)}</div>'),
             views.script(),
         ],
         style=_PAGE_STYLE,
@@ -120,15 +122,30 @@ def loops_page(
     scene = replace(
         front,
         title="The mesh and its loops with their numbers",
-        layers=mesh_layers(shown, loops, skin=skin_of(mesh, whole) if shown is whole else {}),
+        layers=mesh_layers(shown, loops, skin=skin_of(mesh, whole) if shown is whole else {}, apart=True),
+        loop_cameras={str(k): hole_camera(whole.vertices, loop, up) for k, loop in enumerate(loops)},
         labels=[(loop.points[0], str(number)) for number, loop in enumerate(loops[:MOST_LABELS])],
         unit="mesh units",
     )
     views, title = Views(), html.escape(f"Boundary loops of {name}")
-    body = [f"<h1>{title}</h1>", views.figure(scene), f"<p><small>{_KEYS}</small></p>"]
-    return document(
-        title, [*body, f'<div class="all">{table(rows[0], rows[1:])}</div>', views.script()], style=_PAGE_STYLE
+    places = [rows[0].index(name) for name in _LISTED]
+    listed_rows = [[row[place] for place in places] for row in rows[1:]]
+    output, listed = f"filled{Path(name).suffix}", table(_LISTED, listed_rows, by_loop=True)
+    command = (
+        '<p class="command"><code data-command="'
+        + html.escape(f"spinor-geom fill {shlex.quote(name)} -o {output}")
+        + '"></code><button type="button">Copy</button></p>'
     )
+    body = [
+        f"<h1>{title}</h1>",
+        f"<p>{len(loops)} {'loop' if len(loops) == 1 else 'loops'}. A click on a rim or its button: filled by a film "
+        "(orange), a smooth continuation (green), or left open (blue). The command does what is chosen.</p>",
+        command,
+        f'<div class="beside">{views.figure(scene)}<div class="all">{listed}</div></div>',
+        f"<p><small>{_KEYS} A click on a row shows its loop.</small></p>",
+        views.script(),
+    ]
+    return document(title, body, style=_PAGE_STYLE)
 
 
 def _how(result: FillResult) -> str:
@@ -174,13 +191,13 @@ def _scenes(result: FillResult, details: Sequence[LoopViews], views: Views) -> l
         if index in shown:
             layers += shown[index].in_space()
         else:
-            layers.append(patch_faces(patch, {MEAN: mean_curvature_field(patch)}))
+            layers.append(patch_faces(patch, {MEAN: mean_curvature_field(patch)}, index))
     used = used_vertices(result.original)
     scene = Scene(
         title="The filled mesh: patches orange with the numbers of their loops, loops blue",
         layers=layers,
         camera=hole_camera(used, shown_loop(result.loops), up_of(result)),
-        loop_cameras={str(index): hole_camera(used, result.loops[index], up_of(result)) for index in patches},
+        loop_cameras={str(index): hole_camera(used, result.loops[index].loop, up_of(result)) for index in patches},
         labels=patch_labels(result),
         unit="mesh units",
         panel=True,
@@ -202,7 +219,19 @@ def _scenes(result: FillResult, details: Sequence[LoopViews], views: Views) -> l
         f"{views.figure(one.sphere_scene(scales))}</div>"
         for one in details
     )
-    return [*parts, f'<div class="beside">{main}<div>{beside}</div></div>']
+    listed = f'<div class="all">{_short_table(result.loops)}</div>' if result.loops else ""
+    return [*parts, f'<div class="beside">{main}<div>{listed}{beside}</div></div>']
+
+
+def _short_table(outcomes: Sequence[LoopOutcome]) -> str:
+    """A list of the loops, whose rows select them in the view."""
+    rows = []
+    for outcome in outcomes:
+        row = _loop_row(outcome)
+        size, area = f"{outcome.loop.diagonal:.4g}", cell(row["area"])
+        rows.append([str(outcome.index), row["filled"], str(row["vertices"]), size, area, cell(row["reason"])])
+    bad = [k for k, outcome in enumerate(outcomes) if outcome.requested and not outcome.converged]
+    return table(("loop", "patch", "points", "size", "area", "reason"), rows, marked=bad, by_loop=True)
 
 
 def _shown(mesh: TriangleMesh, points: np.ndarray) -> TriangleMesh:
@@ -274,8 +303,10 @@ def _loop_row(outcome: LoopOutcome) -> dict[str, Any]:
 def _continuations(outcomes: Sequence[LoopOutcome]) -> list[str]:
     smooth = [(o.index, o.continuation) for o in outcomes if o.continuation is not None and o.faces_added]
     return [
-        f"<h2>Loop {index}</h2><p>The patch continues the tangents and the curvature of the mesh around it.</p>"
-        f"{_figure_table(continuation.to_dict())}"
+        folded(
+            f"Loop {index}: how far the patch continues the tangents and the curvature of the mesh around it",
+            _figure_table(continuation.to_dict()),
+        )
         for index, continuation in smooth[:MOST_LOOPS]
     ]
 

@@ -40,6 +40,7 @@ class Layer:
     colour: str = RIM_COLOUR
     switch: str | None = None  # check box of the page's panel that shows the layer; None: always shown
     conjugate: Float[np.ndarray, "n 3"] | None = None
+    loop: str | None = None  # the loop that is selected by a click on the layer
 
     def turned(self, angle: float) -> Float[np.ndarray, "n 3"]:
         """The vertices of the member of the associate family at an angle in radians."""

@@ -196,7 +196,7 @@
         [this.rule, this.length] = [make("i", ruler), make("span", ruler)];
       }
       this.numbers = this.labels.map(([at, text]) =>
-        ({ at: new THREE.Vector3(...at), element: make("span", stage, { class: "number" }, text) }));
+        ({ at: new THREE.Vector3(...at), text, element: make("span", stage, { class: "number" }, text) }));
       if (!this.panel && Object.keys(this.scales).length) this.bar = make("span", this.host);
       if (this.layers.some((layer) => layer.conjugate !== undefined)) {
         const label = make("label", this.host, {}, "θ "), name = "angle of the associate family in degrees";
@@ -229,7 +229,13 @@
     listen() {
       const canvas = this.canvas, on = (name, act, how) => canvas.addEventListener(name, act, how);
       let held = null;
-      on("pointerdown", (event) => { held = event; canvas.setPointerCapture(event.pointerId); });
+      let pressed = null;
+      on("pointerdown", (event) => { held = pressed = event; canvas.setPointerCapture(event.pointerId); });
+      on("pointerup", (event) => {
+        if (!pressed || Math.hypot(event.clientX - pressed.clientX, event.clientY - pressed.clientY) > 4) return;
+        const loop = this.loopAt(event.offsetX, event.offsetY);
+        if (loop !== undefined) this.picked?.(loop);
+      });
       on("lostpointercapture", () => { held = null; });
       on("pointermove", (event) => {
         if (!held) return;
@@ -252,6 +258,43 @@
         event.preventDefault();
       });
       new ResizeObserver(() => this.draw()).observe(canvas);
+    }
+
+    // the loop of the rim within a few pixels of a point of the canvas, else of the patch there
+    loopAt(x, y) {
+      const { canvas, camera } = this, seen = new THREE.Vector3(), spot = new THREE.Vector2();
+      let [nearest, found] = [REACH, undefined];
+      for (const { kind, loop, vertices } of this.parts) {
+        if (kind === "faces" || loop === undefined) continue;
+        const points = array(vertices, Float32Array);
+        for (let k = 0; k < points.length; k += 3) {
+          this.world.localToWorld(seen.fromArray(points, k)).project(camera);
+          const away = Math.hypot((seen.x + 1) / 2 * canvas.clientWidth - x, (1 - seen.y) / 2 * canvas.clientHeight - y);
+          if (away < nearest) [nearest, found] = [away, loop];
+        }
+      }
+      if (found !== undefined) return found;
+      const ray = new THREE.Raycaster(), meshes = this.parts.filter((part) => part.kind === "faces");
+      ray.setFromCamera(spot.set(2 * x / canvas.clientWidth - 1, 1 - 2 * y / canvas.clientHeight), camera);
+      ray.ray.origin.addScaledVector(ray.ray.direction, camera.near);  // three.js begins in the middle, not at the front
+      const hit = ray.intersectObjects(meshes.map((part) => part.group.children[0]), false)[0];
+      return meshes.find((part) => hit && part.group.children[0] === hit.object)?.loop;
+    }
+    mark(loop) {
+      for (const { text, element } of this.numbers) element.classList.toggle("chosen", text === loop);
+    }
+    // shows a loop by its camera
+    turnTo(loop) {
+      if (!this.cameras[loop]) return;
+      this.chosen = loop;
+      this.reset();
+      this.draw();
+    }
+    tint(loop, colour) {
+      for (const part of this.parts)
+        if (part.loop === loop && part.kind !== "faces")
+          part.group.traverse(({ material }) => material?.uniforms?.colour?.value.set(colour));
+      this.draw();
     }
 
     show(field, on = this.on, loop = this.chosen) {
@@ -300,6 +343,70 @@
     }
   }
 
+  const REACH = 14;  // pixels, from a rim to a click on it
+  // links the rows of tables to the loops in the views
+  function link(views) {
+    const rows = [...document.querySelectorAll("tr[data-row]")];
+    const choose = (loop, turns) => {
+      for (const row of rows) {
+        row.classList.toggle("chosen", row.dataset.row === loop);
+        if (row.dataset.row === loop && !turns) row.scrollIntoView({ block: "nearest" });
+      }
+      const select = document.querySelector("form.panel select");
+      if (select && [...select.options].some((option) => option.value === loop) && select.value !== loop) {
+        select.value = loop;
+        select.form.dispatchEvent(new Event("change"));
+      }
+      for (const view of views) {
+        view.mark(loop);
+        if (turns) view.turnTo(loop);
+      }
+    };
+    for (const view of views) view.picked = (loop) => choose(loop, false);
+    for (const row of rows) {
+      row.addEventListener("click", () => choose(row.dataset.row, true));
+      row.addEventListener("keydown", (event) => { if (event.key === "Enter") choose(row.dataset.row, true); });
+    }
+    const command = document.querySelector("[data-command]");
+    if (command) plan(command, rows, views, choose);
+  }
+  // how each loop is to be filled, and the command for it
+  function plan(command, rows, views, choose) {
+    const ways = ["open", "film", "smooth"], colours = ["#1f3b73", "#f28e2b", "#2f7d4f"], chosen = {};
+    // "0,2-9"
+    const ranges = (numbers) => numbers.reduce((text, n, k) => {
+      const [joins, ends] = [numbers[k - 1] === n - 1, numbers[k + 1] !== n + 1];
+      return joins ? text + (ends ? `-${n}` : "") : `${text}${k ? "," : ""}${n}`;
+    }, "");
+    const write = () => {
+      const options = ways.slice(1).map((way, k) => {
+        const own = rows.map((row) => Number(row.dataset.row)).filter((n) => chosen[n] === k + 1);
+        return own.length ? ` --${way} ${ranges(own)}` : "";
+      });
+      command.textContent = options.join("") ? command.dataset.command + options.join("") : "choose a loop first";
+    };
+    const next = (loop) => {
+      chosen[loop] = ((chosen[loop] || 0) + 1) % ways.length;
+      const button = rows.find((row) => row.dataset.row === loop).querySelector("button");
+      button.textContent = ways[chosen[loop]];
+      for (const view of views) view.tint(loop, colours[chosen[loop]]);
+      write();
+    };
+    document.querySelector("tr")?.prepend(make("th", document.createElement("tr"), { scope: "col" }, "fill"));
+    for (const row of rows) {
+      const cell = document.createElement("td"), loop = row.dataset.row;
+      row.prepend(cell);
+      make("button", cell, { type: "button", "aria-label": `fill loop ${loop}` }, ways[0])
+        .addEventListener("click", (event) => { event.stopPropagation(); choose(loop, false); next(loop); });
+    }
+    for (const view of views) view.picked = (loop) => { choose(loop, false); next(loop); };
+    command.parentElement.querySelector("button").addEventListener("click", ({ target }) => {
+      getSelection().selectAllChildren(command);
+      target.textContent = document.execCommand("copy") ? "Copied" : "Copy with Ctrl+C";
+    });
+    write();
+  }
+
   function follow(form, views) {
     const output = form.querySelector("output");
     const update = () => {
@@ -325,6 +432,7 @@
       for (const { place } of data) document.getElementById(place).textContent = "this browser has no WebGL";
     for (const view of views) if (!view.panel) view.show(Object.keys(view.scales)[0] || "");
     for (const form of document.querySelectorAll("form.panel")) follow(form, views.filter((view) => view.panel));
+    link(views);
     Promise.all(loading).then(() => { document.title = (renderer ? "ready: " : "no WebGL: ") + document.title; });
   });
 })();

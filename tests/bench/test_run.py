@@ -171,6 +171,7 @@ def test_a_tool_that_is_broken_here_is_missing_and_has_not_failed(tmp_path, monk
 
 
 def test_the_command_measures_and_reports_what_is_missed(tmp_path, capsys, monkeypatch):
+    pytest.importorskip("torch")
     monkeypatch.setattr(runner, "run_isolated", in_this_process)
     folder = tmp_path / "run"
     chosen = ["--suite", "disks", "--cases", "plane-square", "--methods", "spinor,libigl"]

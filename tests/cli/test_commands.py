@@ -552,6 +552,7 @@ def test_a_morph_s_folder_is_made_and_one_that_cannot_be_is_refused_before_anyth
 def test_a_folder_of_mesh_files_that_is_not_there_is_an_error(
     quick: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    pytest.importorskip("torch")
     assert main(["bench", "--data", str(tmp_path / "nowhere"), "-o", str(tmp_path / "run"), *quick]) == 2
     assert f"{tmp_path / 'nowhere'} is not a folder" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []

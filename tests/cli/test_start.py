@@ -74,6 +74,7 @@ PROGRAMS = {
 
 def test_torch_is_imported_only_on_request(tmp_path: Path) -> None:
     """In one process, as the first program that imports torch is named."""
+    pytest.importorskip("torch")
     lines = "import sys\nimport numpy as np\nimport spinor_geom\nfrom spinor_geom.cli.main import main\n"
     lines += f"folder = {str(tmp_path)!r}\n"
     for name, program in PROGRAMS.items():

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import spinor_geom
+from spinor_geom.adapters.mesh_files import write_triangles
 from spinor_geom.bench.holes import plane_square
 from spinor_geom.bench.odd_holes import facing_rims
 from spinor_geom.cli.main import main
@@ -199,7 +200,7 @@ def test_the_page_shows_which_patches_are_discrete_and_why() -> None:
     _, result = spinor_geom.fill_hole(collar(figure_eight(16, 0.5), np.array([0, 0, 0.3])), return_report=True)
     text = spinor_geom.report(result)
     assert "2 of 2 loops filled" in text
-    assert text.count("<td>discrete</td>") == 2
+    assert text.count("<td>discrete</td>") == 4  # in the list and among all figures
     assert text.count("crosses or touches itself") >= 2
     assert text.count("<canvas") == 0  # made by the script
     assert "<section" not in text
@@ -307,3 +308,44 @@ def test_the_page_names_the_file_it_is_about(page: Path, tmp_path: Path) -> None
     text = spinor_geom.report(result)
     assert "<title>spinor-geom fill: a&amp;b.obj</title>" in text
     assert f"<p>{tmp_path}/a&amp;b.obj</p>" in text
+
+
+LINKED = """() => [...document.querySelectorAll("tr.chosen, .number.chosen")].map(
+    (one) => one.dataset.row ?? one.textContent)"""
+
+
+def test_a_click_on_a_patch_selects_its_row_and_a_click_on_a_row_shows_its_patch(chromium: Any, tmp_path: Path) -> None:
+    _, result = spinor_geom.fill_hole(tube(), continuity="smooth", return_report=True)
+    spinor_geom.report(result, tmp_path / "report.html")
+    with visit(chromium, (tmp_path / "report.html").as_uri(), ready=True) as opened:
+        opened.page.locator("tr[data-row='1']").click()
+        assert opened.page.evaluate(LINKED) == ["1", "1"]
+        opened.page.locator("tr[data-row='0']").click()
+        box = opened.page.locator("figure.wide canvas").bounding_box()
+        opened.page.locator("tr[data-row='0']").click()
+        opened.page.evaluate("document.querySelector('.chosen').classList.remove('chosen')")
+        opened.page.mouse.click(box["x"] + box["width"] / 2 + 30, box["y"] + box["height"] / 2)
+        assert sorted(opened.page.evaluate(LINKED)) == ["0", "0"]
+        assert opened.errors == []
+
+
+def test_a_click_on_a_rim_of_the_page_of_loops_writes_the_command(chromium: Any, tmp_path: Path) -> None:
+    vertices, faces = tube()
+    path = tmp_path / "a tube.obj"
+    write_triangles(vertices, faces, path)
+    assert main(["loops", str(path), "--html", str(tmp_path / "loops.html")]) == 0
+    with visit(chromium, (tmp_path / "loops.html").as_uri(), ready=True) as opened:
+        page, written = opened.page, "document.querySelector('[data-command]').textContent"
+        assert page.evaluate(written) == "choose a loop first"
+        page.locator("tr[data-row='1'] button").click()
+        assert page.evaluate(written) == "spinor-geom fill 'a tube.obj' -o filled.obj --film 1"
+        page.locator("tr[data-row='0']").click()  # its rim faces the viewer: a circle about the middle
+        box = page.locator("figure.wide canvas").bounding_box()
+        for x in range(20, int(box["width"] / 2), 12):
+            page.mouse.click(box["x"] + box["width"] / 2 + x, box["y"] + box["height"] / 2)
+            if "--film 0" in page.evaluate(written):
+                break
+        assert page.evaluate(written) == "spinor-geom fill 'a tube.obj' -o filled.obj --film 0-1"
+        page.locator("tr[data-row='0'] button").click()
+        assert page.evaluate(written) == "spinor-geom fill 'a tube.obj' -o filled.obj --film 1 --smooth 0"
+        assert opened.errors == []

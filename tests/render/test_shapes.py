@@ -123,7 +123,7 @@ def test_what_a_notebook_shows_is_a_page_of_its_own_and_drawn(
             drawn = frame.wait_for_function(
                 """() => { const canvas = document.querySelector("canvas");
                 const seen = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
-                return new Set(new Uint32Array(seen.buffer)).size > 20; }""",  # colours; a patch seen face-on has few
+                return new Set(new Uint32Array(seen.buffer)).size > 1; }""",  # colours; a plane patch has one
                 timeout=10_000,
             )
             assert drawn.json_value()
