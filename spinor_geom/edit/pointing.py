@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 
 _NEAR = 12.0  # pixels from the pointer to a rim
 _MOST_TRIED = 50  # segments of rims near the pointer that may be hidden
-_CELLS = 150  # of a grid, along the longest side of a mesh; of its surface it has about four times the square
+_CELLS = 110  # of a grid, along the longest side of a mesh; of its surface it has about four times the square
 
 
 def rim_at(
@@ -63,11 +63,11 @@ def thinned(
     vertices: Float[np.ndarray, "n 3"],
     faces: Int[np.ndarray, "f 3"],
     is_kept: Bool[np.ndarray, " n"],
-) -> tuple[Int[np.ndarray, " m"], Int[np.ndarray, "g 3"], Int[np.ndarray, " g"]]:
-    """A mesh with one vertex in each cell of a grid, and with those that are to be kept.
+) -> tuple[Float[np.ndarray, "m 3"], Int[np.ndarray, "g 3"], Int[np.ndarray, " m"], Int[np.ndarray, " g"]]:
+    """A mesh with one vertex in each cell of a grid, the mean of those there, and the vertices that are to be kept.
 
     Returns:
-        The places of its vertices and of its faces in the given mesh, and the faces between them.
+        Its vertices and faces, and the index of a vertex, or a face, of the given mesh for each of them.
     """
     low = vertices.min(axis=0)
     step = float((vertices.max(axis=0) - low).max()) / _CELLS or 1.0
@@ -76,4 +76,5 @@ def thinned(
     _, places, new = np.unique(cell, return_index=True, return_inverse=True)
     corners = new[faces]
     kept = np.flatnonzero((corners != np.roll(corners, 1, axis=1)).all(axis=1))
-    return places, corners[kept], kept
+    means = np.stack([np.bincount(new, weights=axis) for axis in vertices.T], axis=1) / np.bincount(new)[:, None]
+    return means, corners[kept], places, kept

@@ -32,7 +32,7 @@ from spinor_geom.render.scene import MESH, PATCH, RIM_COLOUR, Faces
 SIZE, PANEL = (1400, 900), 0.34  # of the window, and the panel's share of its width
 COLOURS = {"film": PATCH["colour"], "smooth": "#3aa687", "open": RIM_COLOUR, "waits": "#9b3fc4", "bad": "#d62728"}
 POINTED, MARKED = "#ffd400", "#e0218a"
-_MOST_FACES = 200_000  # drawn as they are
+_MOST_FACES = 100_000  # drawn as they are
 _STEP = 100  # milliseconds between two looks at the processes
 _DRAG = 4  # pixels that the pointer moves at least in a drag
 _DEPTH = 0.02  # what is hidden by less than this share of the mesh's size counts as seen
@@ -97,6 +97,7 @@ class Window:
             off_screen=off_screen,
             title=Path(command[2]).name,
         )
+        self.plotter.disable_anti_aliasing()  # takes most of the time without a graphics card
         self.plotter.set_background("white", all_renderers=True)
         self.plotter.subplot(0, 1)
         self._renderer = self.plotter.renderer
@@ -115,8 +116,7 @@ class Window:
         if len(faces) > _MOST_FACES:
             is_kept = np.zeros(len(vertices), dtype=bool)
             is_kept[np.concatenate([loop.vertex_ids for loop in self._loops])] = True
-            places, faces, kept = thinned(vertices, faces, is_kept)
-            vertices = vertices[places]
+            vertices, faces, places, kept = thinned(vertices, faces, is_kept)
             if "image" in skin:
                 skin = {**skin, "skin": skin["skin"].reshape(-1, 3, 2)[kept].reshape(-1, 2)}
             elif skin:
