@@ -23,6 +23,10 @@ from spinor_geom.holomorphic.cauchy import CauchyNetwork as CauchyNetwork
 from spinor_geom.holomorphic.laurent import LaurentSeries as LaurentSeries
 from spinor_geom.holomorphic.mlp import ComplexMLP as ComplexMLP
 from spinor_geom.holomorphic.series import PowerSeries as PowerSeries
+from spinor_geom.membrane.cables import Cable as Cable
+from spinor_geom.membrane.membrane import CableShape as CableShape
+from spinor_geom.membrane.membrane import Membrane as Membrane
+from spinor_geom.membrane.membrane import solve_membrane as solve_membrane
 from spinor_geom.mesh.boundary_loop import BoundaryLoop as BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve as BoundaryCurve
 from spinor_geom.mesh.curve import ClosedCurve as ClosedCurve

@@ -30,6 +30,7 @@ def described() -> Mapping[str, tuple[Any, tuple[str, ...]]]:
     filled, report = spinor_geom.fill_hole(tube(), return_report=True, continuity="C1")
     baseline = spinor_geom.discrete_minimal_surface(solution.loop)
     t = np.pi * (np.arange(31) / 30 - 0.5)
+    flat = np.column_stack([np.cos(t).round(15), np.sin(t), -1 + 0 * t])[::-1]
     arc = spinor_geom.OpenCurve(np.column_stack([np.cos(t).round(15), np.sin(t), np.cos(2 * t)]))
     made = (
         (solution, ("200 points", "area 3.57", "converged", "disk", "of an edge")),
@@ -52,6 +53,9 @@ def described() -> Mapping[str, tuple[Any, tuple[str, ...]]]:
         (part := spinor_geom.solve_plateau(arc, mirror=[(np.zeros(3), (1, 0, 0))]), ("'mirrored'",)),
         (part.continued(), ("2 copies", "mirrored")),
         (arc, ("31 points",)),
+        (rope := spinor_geom.Cable(start=[0, -1, -1], end=[0, 1, -1], tension=1.5), ("tension=1.5",)),
+        (tent := spinor_geom.solve_membrane([spinor_geom.OpenCurve(flat, corners=()), rope]), ("1 cables", "area")),
+        (tent.cables[0], ("tension 1.5",)),
         (film, ("5 patches", "area 3.57", "converged")),
         (film.patches[0], ("degrees",)),
         (film.boundary_curves[0][0], ("degree",)),

@@ -1,0 +1,1 @@
+"""Minimal surfaces with cables at their edges."""

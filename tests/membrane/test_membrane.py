@@ -1,0 +1,140 @@
+"""Films with cables: arcs of circles in the plane, a saddle against discrete minima, forces and refusals."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq, minimize
+
+from spinor_geom import Cable, Membrane, OpenCurve, solve_membrane
+from spinor_geom.errors import OptionError, SurfaceError
+
+SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype=float)
+SADDLE = np.array([[1, 1, 0.5], [-1, 1, -0.5], [-1, -1, 0.5], [1, -1, -0.5]])
+ALONG = np.linspace(0.05, 0.95, 19)
+TENSION = 3.0
+
+
+def ring(corners: np.ndarray, **given: float) -> list[Cable]:
+    return [Cable(start=tuple(a), end=tuple(b), **given) for a, b in zip(corners, np.roll(corners, -1, 0), strict=True)]
+
+
+@cache
+def saddle() -> Membrane:
+    return solve_membrane(ring(SADDLE, tension=TENSION))
+
+
+def test_a_cable_at_one_side_of_a_square_is_an_arc_of_a_circle() -> None:
+    sides = [SQUARE[[k, (k + 1) % 4]] for k in (1, 2, 3)]
+    membrane = solve_membrane([*ring(SQUARE, tension=1.5)[:1], *sides])
+    radius, half = 1.5, np.arcsin(1 / 3)
+    # the cable is bent into the square
+    centre = np.array([0.5, -np.sqrt(radius**2 - 0.25), 0])
+    distances = np.linalg.norm(membrane.cables[0].point(ALONG) - centre, axis=1)
+    np.testing.assert_allclose(distances, radius, atol=1e-8)
+    assert membrane.film.area == pytest.approx(1 - radius**2 * (half - np.sin(half) * np.cos(half)), abs=1e-9)
+    assert membrane.cables[0].length == pytest.approx(2 * radius * half, abs=1e-9)
+
+
+def test_four_equal_cables_of_a_square_are_arcs_by_tension_and_by_length() -> None:
+    half = np.arcsin(0.5)
+    for given, tension in (({"tension": 1.0}, 1.0), ({"length": 2 * half}, 1.0)):
+        membrane = solve_membrane(ring(SQUARE, **given))
+        for cable in membrane.cables:
+            assert cable.tension == pytest.approx(tension, abs=1e-8)
+            assert cable.length == pytest.approx(2 * half, abs=1e-9)
+            np.testing.assert_allclose(np.linalg.norm(cable.curvature(ALONG), axis=1), 1 / tension, atol=1e-7)
+        assert membrane.film.area == pytest.approx(1 - 4 * (half - np.sin(half) * np.cos(half)), abs=1e-8)
+
+
+def test_a_cable_opposite_a_curved_edge_has_its_length() -> None:
+    t = np.linspace(np.pi / 2, 3 * np.pi / 2, 41)
+    arc = np.column_stack([np.cos(t), np.sin(t), 0 * t])
+    membrane = solve_membrane([OpenCurve(arc, corners=()), Cable(start=arc[-1], end=arc[0], length=2.1)])
+    (cable,) = membrane.cables
+    half = brentq(lambda angle: angle / np.sin(angle) - 1.05, 0.1, 1.5)
+    assert cable.tension == pytest.approx(1 / np.sin(half), abs=1e-6)
+
+
+def test_cables_of_a_saddle_have_curvature_vectors_along_the_conormal() -> None:
+    membrane = saddle()
+    for number, cable in enumerate(membrane.cables):
+        curvature = cable.curvature(ALONG)
+        np.testing.assert_allclose(np.linalg.norm(curvature, axis=1), 1 / TENSION, rtol=1e-5)
+        # the edges are equal
+        s = (number + ALONG) / 4
+        (rim,) = membrane.film.rims
+        np.testing.assert_allclose(rim.curve.point(s), cable.point(ALONG), atol=1e-12)
+        normals = membrane.film.array_surface.normal(rim.boundary.point(rim.parameters(s)))
+        assert np.abs((normals * curvature).sum(axis=1)).max() < 1e-5
+
+
+def test_the_saddle_is_the_limit_of_discrete_minima() -> None:
+    coarse, fine = (_discrete(n) for n in (3, 6))
+    assert saddle().energy == pytest.approx((4 * fine - coarse) / 3, rel=1e-5)
+
+
+def _discrete(n: int) -> float:
+    """Least area + tension · length of a mesh of n × n squares of four triangles each."""
+    u, v = np.meshgrid(np.arange(n + 1) / n, np.arange(n + 1) / n, indexing="ij")
+    shares = np.stack([(1 - u) * (1 - v), u * (1 - v), u * v, (1 - u) * v], axis=-1)
+    grid, i = shares @ SADDLE, np.arange((n + 1) ** 2).reshape(n + 1, n + 1)
+    corners = [i[:-1, :-1].ravel(), i[1:, :-1].ravel(), i[1:, 1:].ravel(), i[:-1, 1:].ravel()]
+    points = np.concatenate([grid.reshape(-1, 3), grid.reshape(-1, 3)[corners].mean(axis=0)])
+    middle = (n + 1) ** 2 + np.arange(n * n)
+    faces = np.concatenate([np.stack([corners[k], corners[(k + 1) % 4], middle], axis=1) for k in range(4)])
+    edges = np.concatenate([np.stack([side[:-1], side[1:]], axis=1) for side in (i[0], i[-1], i[:, 0], i[:, -1])])
+    free = np.ones(len(points), dtype=bool)
+    free[i[[0, 0, -1, -1], [0, -1, 0, -1]]] = False
+
+    def energy(moved: np.ndarray) -> tuple[float, np.ndarray]:
+        now = points.copy()
+        now[free] = moved.reshape(-1, 3)
+        a, b, c = now[faces].transpose(1, 0, 2)
+        normals = np.cross(b - a, c - a)
+        areas = np.linalg.norm(normals, axis=1)
+        unit, along = normals / areas[:, None], now[edges[:, 1]] - now[edges[:, 0]]
+        lengths = np.linalg.norm(along, axis=1)
+        gradient, pull = np.zeros_like(now), TENSION * along / lengths[:, None]
+        for k, side in enumerate((c - b, a - c, b - a)):
+            np.add.at(gradient, faces[:, k], np.cross(unit, side) / 2)
+        np.add.at(gradient, edges[:, 1], pull)
+        np.add.at(gradient, edges[:, 0], -pull)
+        return areas.sum() / 2 + TENSION * lengths.sum(), gradient[free].ravel()
+
+    options = {"maxiter": 20000, "maxfun": 40000, "ftol": 1e-15, "gtol": 1e-7, "maxcor": 30}
+    return float(minimize(energy, points[free].ravel(), jac=True, method="L-BFGS-B", options=options).fun)
+
+
+def test_the_forces_of_the_supports_balance_and_are_derivatives_of_the_energy() -> None:
+    membrane = saddle()
+    np.testing.assert_allclose(membrane.total_force, 0, atol=1e-8)
+    # by symmetry all corners are pulled alike, and the moments vanish
+    np.testing.assert_allclose(np.linalg.norm(membrane.forces, axis=1), np.linalg.norm(membrane.forces[0]), rtol=1e-6)
+    np.testing.assert_allclose(np.cross(membrane.supports, membrane.forces).sum(axis=0), 0, atol=1e-6)
+    # a similarity changes area by the square, length by the first power
+    power = 2 * membrane.film.area + sum(one.tension * one.length for one in membrane.cables)
+    assert (membrane.forces * membrane.supports).sum() == pytest.approx(power, rel=1e-7)
+
+
+def test_frames_that_collapse_are_refused() -> None:
+    # at tensions below 1/√2 the arcs of neighbouring sides of a square cross
+    for given in ({"tension": 0.6}, {"length": 1.4}):
+        with pytest.raises(SurfaceError, match="no equilibrium of the film was found"):
+            solve_membrane(ring(SQUARE, **given))
+
+
+@pytest.mark.parametrize(
+    ("edges", "message"),
+    [
+        (lambda: ring(SQUARE, length=0.9), "too short"),
+        (lambda: ring(SQUARE, tension=-1.0), "tension"),
+        (lambda: [Cable(start=(0, 0, 0), end=(1, 0, 0))], "exactly one"),
+        (lambda: ring(SQUARE, tension=1.0)[:3], "edge 2 ends 1"),
+        (lambda: [SQUARE[[k, (k + 1) % 4]] for k in range(4)], "at least one of them a cable"),
+        (lambda: [*ring(SQUARE, tension=1.0)[:1], OpenCurve(SQUARE[[1, 2, 3, 0]], corners=[1, 2])], "has corners"),
+    ],
+)
+def test_edges_that_are_no_frame_are_refused(edges: object, message: str) -> None:
+    with pytest.raises(OptionError, match=message):
+        solve_membrane(edges())  # type: ignore[operator]
