@@ -28,7 +28,7 @@ WIDTH = 1200
 _CROWN, _EYE, _RADIUS, _BELOW = 1.93, np.array([-0.75, 0.35, 0.45]), 0.85, 0.28
 _TITLES = 0.05  # share of a drawing's height
 _ACROSS = 6
-_COLOURS = 128
+_COLOURS = 256
 _PICTURE = re.compile(r"\]\((pictures/[\w.-]+\.png)\)")
 
 
