@@ -71,7 +71,9 @@ def intersections_between(
     return sorted_pairs(_near_faces(f, g, meet))
 
 
-def _near_faces(f: Triangles, g: Triangles | None, meet: Callable[..., Bool[np.ndarray, " k"]]) -> Pairs:
+def _near_faces(
+    f: Triangles, g: Float[np.ndarray, "l 3 3"] | None, meet: Callable[..., Bool[np.ndarray, " _"]]
+) -> Pairs:
     """The pairs of f and g, or i < j of f, that are not clearly separated and for which `meet` is True."""
     others, partners = (f[:0], -1) if g is None else (g, len(g))
     f, others = (np.ascontiguousarray(triangles, dtype=np.float64) for triangles in (f, others))
