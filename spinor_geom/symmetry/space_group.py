@@ -26,7 +26,7 @@ def within_steps(sides: Isometries, points: Float[np.ndarray, "n 3"], size: floa
 def periodic_cell(
     sides: Isometries, points: Float[np.ndarray, "n 3"], size: float
 ) -> tuple[Isometries, Float[np.ndarray, "rank 3"]]:
-    """The copies of a cell, connected, and a basis of the translations that continue it with its orientation.
+    """The copies of a compact cell, connected, and a basis of the translations that continue it with its orientation.
 
     By Schreier's lemma the compositions of a representative of each direction, a generator, and the inverse of the
     representative of the direction reached generate all translations of the group.
@@ -47,7 +47,7 @@ def periodic_cell(
     of = np.abs(_directions(reached)[:, None] - known).max(axis=2).argmin(axis=1)
     # g(s(r)) = R r + t and its representative R r + u differ by the translation t − u
     lattice = _basis(reached.shifts - found.shifts[of], _CLOSE * size)
-    return _distinct(found, points, size, lattice), lattice
+    return _compact(sides, points, size, lattice), lattice
 
 
 def _identity() -> Isometries:
@@ -83,16 +83,39 @@ def _distinct(
     images = g.points(points)
     kept: list[int] = []
     for k in range(len(g)):
-        away = images[k, 0] - images[kept, 0]
-        shift = np.round(away @ np.linalg.pinv(lattice)) @ lattice if len(lattice) else np.zeros_like(away)
-        near = np.flatnonzero(np.linalg.norm(away - shift, axis=1) < _CLOSE * size)
-        for j in near.tolist():
-            gaps = np.linalg.norm(images[k, :, None] - (images[kept[j]] + shift[j]), axis=2)
-            if gaps.min(axis=1).max() < _CLOSE * size:
-                break
-        else:
+        if not len(_alike(images[k], images[kept], size, lattice)):
             kept.append(k)
     return g[np.array(kept)]
+
+
+def _alike(
+    image: Float[np.ndarray, "n 3"],
+    others: Float[np.ndarray, "k n 3"],
+    size: float,
+    lattice: Float[np.ndarray, "rank 3"],
+) -> np.ndarray:
+    """Which other images are equal to one, modulo a lattice."""
+    away = image[0] - others[:, 0]
+    shift = np.round(away @ np.linalg.pinv(lattice)) @ lattice
+    near = np.flatnonzero(np.linalg.norm(away - shift, axis=1) < _CLOSE * size)
+    gaps = np.linalg.norm(image[:, None] - (others[near] + shift[near, None])[:, None], axis=3)
+    return near[gaps.min(axis=2).max(axis=1) < _CLOSE * size]
+
+
+def _compact(
+    sides: Isometries, points: Float[np.ndarray, "n 3"], size: float, lattice: Float[np.ndarray, "rank 3"]
+) -> Isometries:
+    """A copy of each class modulo a lattice, each the neighbour nearest to the centroid of those before."""
+    cell, border = _identity(), sides
+    while True:
+        images, outside = cell.points(points), border.points(points)
+        free = [k for k, one in enumerate(outside) if not len(_alike(one, images, size, lattice))]
+        if not free:
+            return cell
+        border = border[np.array(free)]
+        away = np.linalg.norm(outside[free, 0] - images[:, 0].mean(axis=0), axis=1)
+        nearest = border[np.flatnonzero(away < away.min() + _CLOSE * size)[:1]]
+        cell, border = _joined([cell, nearest]), _joined([border, nearest.composed(sides)])
 
 
 def _basis(translations: Float[np.ndarray, "k 3"], close: float) -> Float[np.ndarray, "rank 3"]:

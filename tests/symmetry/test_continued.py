@@ -90,7 +90,7 @@ def test_the_patches_of_a_continuation_are_smooth_across_common_sides() -> None:
 
 
 def test_the_solid_of_a_continuation_is_watertight() -> None:
-    for one in continuations()[:2]:
+    for one in [*continuations(), p_quadrilateral().continued(), p_triangle().continued()]:
         solid = one.solid(0.02, target_edge_length=0.1, edge="straight")
         assert is_watertight(solid.faces)
         assert solid.intersections == 0
