@@ -19,6 +19,7 @@ _POINTS = np.ctypeslib.ndpointer(np.complex128, flags="C_CONTIGUOUS")
 _REGION = (_INTEGER, _POINTS, _INDICES, _NUMBER, _NUMBER, _INTEGER, _POINTS, _NUMBERS, _INTEGER)  # see size_field.hpp
 
 _MATRIX = (_SHORT_INDICES, _SHORT_INDICES, _NUMBERS)  # starts of columns, rows, values
+_FORM = (*_MATRIX, _NUMBERS, _NUMBERS, _NUMBER, *_MATRIX)  # of a function on the vertices; see bending.cpp
 
 # the arguments of each function, as in `cpp`
 FUNCTIONS: dict[str, tuple[Any, ...]] = {
@@ -34,6 +35,8 @@ FUNCTIONS: dict[str, tuple[Any, ...]] = {
     ),
     "intrinsic_laplacian": (_INTEGER, _INTEGER, _NUMBERS, _INDICES, *_MATRIX),
     "bending": (_INTEGER, _NUMBERS, _INTEGER, _INDICES, _NUMBER, *_MATRIX, _NUMBERS, _NUMBERS, _NUMBERS),
+    "bending_stiffness": (_INTEGER, _INTEGER, *_FORM, _INTEGER, *_MATRIX),
+    "bending_residual": (_INTEGER, _INTEGER, *_FORM, _NUMBERS, _NUMBERS),
     "minimum_area_splits": (_INTEGER, _NUMBERS, _NUMBER, _NUMBER, _INDICES),
 }
 

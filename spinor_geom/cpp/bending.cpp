@@ -1,4 +1,4 @@
-// Cotangent Laplacians of triangle meshes, and their mean curvature. Called by operators.py through kernel.py.
+// Cotangent Laplacians of triangle meshes, their mean curvature, and equations for it. Called through kernel.py.
 
 #include <algorithm>
 #include <array>
@@ -81,6 +81,29 @@ void assemble(int64_t count, int64_t faces, const double* lengths, const int64_t
     matrix.starts[count] = filled;
 }
 
+// A row of a sparse matrix, of which entries are added in any order.
+class Row {
+public:
+    explicit Row(int64_t count) : values_(count, 0.0), used_(count, false) {}
+
+    void add(int32_t column, double value) {
+        if (!used_[column]) used_[column] = true, columns_.push_back(column);
+        values_[column] += value;
+    }
+    const std::vector<int32_t>& columns() const { return columns_; }
+    double operator[](int32_t column) const { return values_[column]; }
+    void sort() { std::sort(columns_.begin(), columns_.end()); }
+    void clear() {
+        for (const int32_t column : columns_) values_[column] = 0, used_[column] = false;
+        columns_.clear();
+    }
+
+private:
+    std::vector<double> values_;
+    std::vector<char> used_;
+    std::vector<int32_t> columns_;
+};
+
 }  // namespace
 
 // The Laplacian of `count` vertices; `rows` and `values` have room for count + 6 faces entries.
@@ -135,6 +158,64 @@ ENTRY_POINT int bending(
             const double size = length(normals[i]);
             normals[i] = size > 0 ? 1 / size * normals[i] : Point3{0, 0, 0};
             curvature[i] = dot(gradient, normals[i]) / (2 * areas[i]);
+        }
+    });
+}
+
+// ½ L W (A + ℓ² G) W L among the first `free` of `count` vertices, with the Laplacian L, the areas A, the diagonal weights
+// W and ℓ² = `squared_length`; G is not used if that is 0. `rows` and `values` have room for `room` entries; if
+// `starts[free]` is larger, they are not complete.
+ENTRY_POINT int bending_stiffness(
+    int64_t count, int64_t free, const int32_t* laplacian_starts, const int32_t* laplacian_rows, const double* laplacian,
+    const double* weights, const double* areas, double squared_length, const int32_t* form_starts,
+    const int32_t* form_rows, const double* form, int64_t room, int32_t* starts, int32_t* rows, double* values) {
+    return outcome_of([=] {
+        Row half(count), whole(free);
+        int64_t filled = 0;
+        for (int64_t i = 0; i < free; ++i) {
+            starts[i] = static_cast<int32_t>(filled);
+            for (int32_t a = laplacian_starts[i]; a < laplacian_starts[i + 1]; ++a) {
+                const int32_t j = laplacian_rows[a];
+                const double slope = laplacian[a] * weights[j];
+                if (weights[j] == 0) continue;
+                half.add(j, slope * areas[j]);
+                if (squared_length == 0) continue;
+                for (int32_t b = form_starts[j]; b < form_starts[j + 1]; ++b)
+                    if (weights[form_rows[b]] != 0) half.add(form_rows[b], squared_length * slope * form[b]);
+            }
+            for (const int32_t j : half.columns()) {
+                const double factor = 0.5 * half[j] * weights[j];
+                for (int32_t a = laplacian_starts[j]; a < laplacian_starts[j + 1] && laplacian_rows[a] < free; ++a)
+                    whole.add(laplacian_rows[a], factor * laplacian[a]);
+            }
+            whole.sort();
+            for (const int32_t j : whole.columns()) {
+                if (filled < room) rows[filled] = j, values[filled] = whole[j];
+                ++filled;
+            }
+            half.clear(), whole.clear();
+        }
+        starts[free] = static_cast<int32_t>(filled);
+    });
+}
+
+// L W (A + ℓ² G) at the first `free` of `count` vertices, applied to a function: as in `bending_stiffness`.
+ENTRY_POINT int bending_residual(
+    int64_t count, int64_t free, const int32_t* laplacian_starts, const int32_t* laplacian_rows, const double* laplacian,
+    const double* weights, const double* areas, double squared_length, const int32_t* form_starts,
+    const int32_t* form_rows, const double* form, const double* function, double* residual) {
+    return outcome_of([=] {
+        std::vector<double> pull(count, 0.0);
+        for (int64_t j = 0; j < count; ++j) {
+            if (weights[j] == 0) continue;
+            double sum = 0;
+            for (int32_t b = form_starts[j]; b < form_starts[j + 1]; ++b) sum += form[b] * function[form_rows[b]];
+            pull[j] = weights[j] * (areas[j] * function[j] + squared_length * sum);
+        }
+        for (int64_t i = 0; i < free; ++i) {
+            residual[i] = 0;
+            for (int32_t a = laplacian_starts[i]; a < laplacian_starts[i + 1]; ++a)
+                residual[i] += laplacian[a] * pull[laplacian_rows[a]];
         }
     });
 }

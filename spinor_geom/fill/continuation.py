@@ -298,4 +298,5 @@ def _is_fine(patch: Patch) -> bool:
 def _rank(faired: Faired) -> tuple[bool, float, float]:
     """A sort key, least for the best patch: folds, then the next step unless converged, then the smallest angle."""
     left = 0.0 if faired.converged else faired.next_step
-    return bool(faired.folds), left, -min(faired.smallest_angles[1], SMALLEST_ANGLE)
+    # to a tenth of a degree, because another round takes too long for less
+    return bool(faired.folds), left, -round(min(faired.smallest_angles[1], SMALLEST_ANGLE), 1)

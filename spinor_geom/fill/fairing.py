@@ -15,13 +15,12 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.sparse import csc_array, csr_array
 
 from spinor_geom.deadline import is_out_of_time
 from spinor_geom.domain.delaunay import rim_successors, unique_edges
 from spinor_geom.errors import OutOfTimeError
 from spinor_geom.fill.collar import Collar
-from spinor_geom.mesh.operators import Bending, crossing_angles, factor_symmetric, internal_angles
+from spinor_geom.mesh.operators import Bending, BendingForm, crossing_angles, factor_symmetric, internal_angles
 from spinor_geom.mesh.topology import HalfEdges
 from spinor_geom.meshing.embed import Patch
 
@@ -170,19 +169,21 @@ class _Equations:
     def smoothed(self, x: Positions) -> Positions:
         """Minimises ∫|Δx|² over the free vertices, with the Laplacian of the given positions."""
         n, bending = self.free, Bending.of(x, self._faces)
-        bilaplacian = self._slope(bending) @ bending.laplacian
-        moved = factor_symmetric(bilaplacian[:, :n]).solve(-(bilaplacian[:, n:] @ x[n:]))
-        return np.concatenate([moved, x[n:]])
+        form = self._form(x, bending, 0.0)
+        laplacian, kept = bending.laplacian, x.copy()
+        kept[:n] = 0
+        pull = laplacian @ (form.weights[:, None] * (laplacian @ kept))
+        return np.concatenate([factor_symmetric(form.stiffness).solve(-pull[:n] / 2), x[n:]])
 
     def approached(self, x: Positions) -> tuple[Positions, float]:
         """Positions after some steps of at most one edge, and the length of the last step in local edges."""
         n, length = self.free, np.inf
         for _ in range(_APPROACH):
-            bending = Bending.of(x, self._faces)
-            step = -factor_symmetric(self._stiffness(x, bending)).solve(self._residual(x, bending))
-            length = float((np.abs(step) / np.sqrt(bending.areas[:n])).max())
+            form, residual = self._at(x)
+            step = -factor_symmetric(form.stiffness).solve(residual)
+            length = float((np.abs(step) / np.sqrt(form.bending.areas[:n])).max())
             x = x.copy()
-            x[:n] += step[:, None] / max(length, 1.0) * bending.normals[:n]
+            x[:n] += step[:, None] / max(length, 1.0) * form.bending.normals[:n]
             if is_out_of_time():
                 break
         return x, length
@@ -196,18 +197,18 @@ class _Equations:
         Source: Deuflhard (2004), Newton Methods for Nonlinear Problems.
         """
         n, steps, damping = self.free, 0, 1.0
-        bending = Bending.of(x, self._faces)
-        edge = float(np.sqrt(bending.areas[:n].mean()))
-        factor = factor_symmetric(self._stiffness(x, bending))
-        step = -factor.solve(self._residual(x, bending))
+        form, residual = self._at(x)
+        edge = float(np.sqrt(form.bending.areas[:n].mean()))
+        factor = factor_symmetric(form.stiffness)
+        step = -factor.solve(residual)
         length = float(np.sqrt(np.mean(step**2)))
         while np.abs(step).max() > STEP_TOLERANCE * edge:
             if steps == _MOST_STEPS or damping < _LEAST_DAMPING or is_out_of_time():
                 break
             moved = x.copy()
-            moved[:n] += damping * step[:, None] * bending.normals[:n]
-            there = Bending.of(moved, self._faces)
-            following = -factor.solve(self._residual(moved, there))
+            moved[:n] += damping * step[:, None] * form.bending.normals[:n]
+            there, residual = self._at(moved)
+            following = -factor.solve(residual)
             following_length = float(np.sqrt(np.mean(following**2)))
             # at least a quarter of the predicted decrease; an eighth gives the same, with a half 12 patches fail
             if not following_length < (1 - damping / 4) * length:
@@ -216,48 +217,27 @@ class _Equations:
             steps += 1
             if damping < 1 or following_length > _QUICK * length:
                 with suppress(OutOfTimeError):  # the steps with the old factors converge more slowly
-                    factor = factor_symmetric(self._stiffness(moved, there))
-                    following = -factor.solve(self._residual(moved, there))
+                    factor = factor_symmetric(there.stiffness)
+                    following = -factor.solve(residual)
                     following_length = float(np.sqrt(np.mean(following**2)))
-            x, bending, step, length, damping = moved, there, following, following_length, 1.0
+            x, form, step, length, damping = moved, there, following, following_length, 1.0
         left = float(np.abs(step).max() / edge)
         if left <= STEP_TOLERANCE:
             x = x.copy()
-            x[:n] += step[:, None] * bending.normals[:n]
+            x[:n] += step[:, None] * form.bending.normals[:n]
         return x, steps, left
 
-    def _slope(self, bending: Bending) -> csr_array:
-        """L/A, from the vertices of the patch where H is defined (columns) to the free ones (rows)."""
-        laplacian, weight = bending.laplacian, np.zeros(len(bending.areas))  # symmetric: its columns are its rows
-        weight[: self.inside] = self._bends / bending.areas[: self.inside]
-        starts = laplacian.indptr[: self.free + 1]
-        columns = laplacian.indices[: starts[-1]]
-        values = laplacian.data[: starts[-1]] * weight[columns]
-        return csr_array((values, columns, starts), shape=(self.free, len(weight)))
-
-    def _gradient_form(self, x: Positions, bending: Bending) -> csc_array:
-        if self._known is None:
-            return bending.laplacian
-        return Bending.of(x, self._known).laplacian
-
-    def _stiffness(self, x: Positions, bending: Bending) -> csc_array:
-        """Derivative of the residual with respect to displacements along the normals, without lower-order terms."""
-        slope = self._slope(bending)
-        weighted = csr_array(
-            (slope.data * bending.areas[slope.indices], slope.indices, slope.indptr), shape=slope.shape
+    def _form(self, x: Positions, bending: Bending, squared_length: float) -> BendingForm:
+        weights, inside = np.zeros(len(x)), self.inside
+        weights[:inside] = self._bends / bending.areas[:inside]
+        known = bending if self._known is None or not squared_length else Bending.of(x, self._known)
+        return BendingForm(
+            bending=bending, free=self.free, weights=weights, squared_length=squared_length, gradient=known.matrix
         )
-        if self._squared_length:
-            weighted = weighted + self._squared_length * (slope @ self._gradient_form(x, bending))
-        return csc_array(0.5 * (weighted @ slope.T))
 
-    def _residual(self, x: Positions, bending: Bending) -> Float[np.ndarray, " k"]:
-        """L(H + ℓ²LH/A) at the free vertices."""
-        s = self.inside
-        curvature = np.where(self._bends, bending.curvature[:s], 0.0)
-        force = bending.areas[:s] * curvature
-        if self._squared_length:
-            whole = np.concatenate([curvature, self._beyond])
-            force = force + self._squared_length * (self._gradient_form(x, bending) @ whole)[:s]
-        pull = np.zeros(len(x))
-        pull[:s] = self._bends * force / bending.areas[:s]
-        return np.asarray((bending.laplacian @ pull)[: self.free])
+    def _at(self, x: Positions) -> tuple[BendingForm, Float[np.ndarray, " k"]]:
+        """The operator of H, and L(H + ℓ²LH/A) at the free vertices."""
+        bending = Bending.of(x, self._faces)
+        form = self._form(x, bending, self._squared_length)
+        curvature = np.where(self._bends, bending.curvature[: self.inside], 0.0)
+        return form, form.of(np.concatenate([curvature, self._beyond]))

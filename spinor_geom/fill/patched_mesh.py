@@ -161,7 +161,9 @@ class PatchedMesh:
     def faces_at(self, vertices: Int[np.ndarray, " k"]) -> Int[np.ndarray, " f"]:
         """The mesh faces with at least one of the vertices, ascending."""
         is_at = np.zeros(len(self.mesh.faces), dtype=bool)
-        is_at[self._faces_of_vertices[vertices].indices] = True
+        faces, starts = self._faces_of_vertices.indices, self._faces_of_vertices.indptr
+        counts = starts[vertices + 1] - starts[vertices]
+        is_at[faces[np.arange(counts.sum()) + np.repeat(starts[vertices] - np.cumsum(counts) + counts, counts)]] = True
         return np.flatnonzero(is_at)
 
     @cached_property

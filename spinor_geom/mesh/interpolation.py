@@ -291,9 +291,11 @@ def _from_values() -> tuple[Float[np.ndarray, "d1 d1"], Float[np.ndarray, "d1 d1
     k, count = np.arange(ANALYTIC_DEGREE + 1), ANALYTIC_DEGREE + 1
     cosines = np.cos(np.pi * k[:, None] * k / (ANALYTIC_DEGREE + 0.5))
     halves = np.where(k == 0, 1, 2)
-    powers = [np.polynomial.Chebyshev.basis(i, domain=[1, 0]).convert(kind=np.polynomial.Polynomial) for i in k]
-    columns = [np.pad(one.coef, (0, count - len(one.coef)))[::-1] for one in powers]
-    return halves[:, None] * halves * cosines / (2 * ANALYTIC_DEGREE + 1), np.stack(columns, axis=1)
+    powers = np.zeros((count, count))  # of 1 − 2x, by column; highest first
+    powers[-1, 0], powers[-2:, 1] = 1, (-2, 1)
+    for i in range(2, count):
+        powers[:, i] = 2 * powers[:, i - 1] - 4 * np.roll(powers[:, i - 1], -1) - powers[:, i - 2]
+    return halves[:, None] * halves * cosines / (2 * ANALYTIC_DEGREE + 1), powers
 
 
 def through(values: Float[np.ndarray, "*b d1 m k"], width: Float[np.ndarray, " m"]) -> Float[np.ndarray, "*b d1 m k"]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from functools import cached_property
+from typing import Any, Literal, TypeAlias
 
 import igl
 import numpy as np
@@ -20,11 +21,14 @@ from spinor_geom.mesh.topology import HalfEdges
 
 Vertices = Float[np.ndarray, "v d"]
 Faces = Int[np.ndarray, "f 3"]
+# starts of columns, rows and values of a sparse matrix, with room for more
+CompiledMatrix: TypeAlias = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 # Least circumcentric area, which may be negative at obtuse corners, per barycentric area.
 _LEAST_SHARE = 0.3
 # Least excess of two sides of a mollified triangle over the third, per longest side: it bounds the cotangents.
 _SLACK = 1e-6
+_NEAR = 64  # usual bound of the number of vertices within three edges of one
 # Upper bound of the seconds of a factorisation, for matrices of plane meshes with n entries: 6e-8 n^(4/3). Measured are
 # 2.5e-8 to 3.9e-8 for Laplacians of 2,000 to 180,000 vertices, and 1.3e-8 to 3.4e-8 for their squares.
 _FACTOR_SECONDS, _FACTOR_POWER = 6e-8, 4 / 3
@@ -59,7 +63,7 @@ def mollified_edge_lengths(vertices: Vertices, faces: Faces) -> Float[np.ndarray
 
 def intrinsic_laplacian(lengths: Float[np.ndarray, "f 3"], faces: Faces, count: int) -> csc_array:
     """`cotangent_laplacian` of `count` vertices from the lengths of the edges opposite to the corners."""
-    matrix = _room(count, len(faces))
+    matrix = _room(count, count + 6 * len(faces))
     sides = np.ascontiguousarray(lengths, dtype=np.float64)
     call("intrinsic_laplacian", count, len(faces), sides, _corners(faces, count), *matrix)
     return _sparse(*matrix)
@@ -69,9 +73,7 @@ def _corners(faces: Faces, count: int) -> Int[np.ndarray, "f 3"]:
     return checked("faces", faces, np.int64, None, 3, least=0, most=count - 1)
 
 
-def _room(count: int, faces: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Room for the starts of columns, the rows and the values of a Laplacian."""
-    room = count + 6 * faces
+def _room(count: int, room: int) -> CompiledMatrix:
     return np.empty(count + 1, dtype=np.int32), np.empty(room, dtype=np.int32), np.empty(room)
 
 
@@ -193,7 +195,7 @@ class Bending:
     for x, y on the unit sphere (x − y)·x = |x − y|²/2, so along x the gradient of the area is twice the area.
     """
 
-    laplacian: csc_array  # the cotangent Laplacian L
+    matrix: CompiledMatrix  # of the cotangent Laplacian L
     areas: Float[np.ndarray, " n"]  # circumcentric, in squared mesh units; at least 0.3 of the barycentric ones
     normals: Float[np.ndarray, "n 3"]  # unit vectors
     curvature: Float[np.ndarray, " n"]  # n·Lx/(2A), positive where a mesh with outer normals is convex
@@ -201,11 +203,51 @@ class Bending:
     @classmethod
     def of(cls, vertices: Float[np.ndarray, "n 3"], faces: Faces) -> Bending:
         """The bending of a mesh; 0 at unused vertices."""
-        n, f, matrix = len(vertices), len(faces), _room(len(vertices), len(faces))
+        n, f = len(vertices), len(faces)
+        matrix = _room(n, n + 6 * f)
         areas, normals, curvature = np.empty(n), np.empty((n, 3)), np.empty(n)
         points = np.ascontiguousarray(vertices, dtype=np.float64)
         call("bending", n, points, f, _corners(faces, n), _LEAST_SHARE, *matrix, areas, normals, curvature)
-        return cls(laplacian=_sparse(*matrix), areas=areas, normals=normals, curvature=curvature)
+        return cls(matrix=matrix, areas=areas, normals=normals, curvature=curvature)
+
+    @cached_property
+    def laplacian(self) -> csc_array:
+        """The cotangent Laplacian L."""
+        return _sparse(*self.matrix)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BendingForm:
+    """The operator L W (A + ℓ²G), with L and A of a mesh, at its first vertices."""
+
+    bending: Bending
+    free: int  # number of these vertices
+    weights: Float[np.ndarray, " n"]  # the diagonal of W
+    squared_length: float  # ℓ²
+    gradient: CompiledMatrix  # G
+
+    @property
+    def _arguments(self) -> tuple[Any, ...]:
+        bending = self.bending
+        own = len(self.weights), self.free, *bending.matrix, self.weights, bending.areas
+        return *own, self.squared_length, *self.gradient
+
+    def of(self, function: Float[np.ndarray, " n"]) -> Float[np.ndarray, " k"]:
+        """The operator applied to a function on the vertices."""
+        values = np.empty(self.free)
+        call("bending_residual", *self._arguments, function, values)
+        return values
+
+    @property
+    def stiffness(self) -> csc_array:
+        """½ L W (A + ℓ²G) W L between the first vertices."""
+        room, filled = 0, _NEAR * self.free
+        while filled > room:
+            room = filled
+            matrix = _room(self.free, room)
+            call("bending_stiffness", *self._arguments, room, *matrix)
+            filled = int(matrix[0][-1])
+        return _sparse(*matrix)
 
 
 def radii_of_curvature(vertices: Float[np.ndarray, "n 3"], faces: Faces) -> Float[np.ndarray, " n"]:

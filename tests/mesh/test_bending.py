@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
-from spinor_geom.mesh.operators import Bending, crossing_angles
+from spinor_geom.mesh.operators import Bending, BendingForm, crossing_angles
 from spinor_geom.mesh.topology import HalfEdges
 
 
@@ -28,6 +28,40 @@ def test_a_sphere_through_random_points_has_one_curvature() -> None:
     assert np.median(np.abs(bending.curvature * 2.5 - 1)) < 2e-3
     turned = Bending.of(vertices, faces[:, ::-1])
     np.testing.assert_allclose(turned.curvature, -bending.curvature, rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize("squared_length", [0.0, 0.3])
+def test_a_form_is_the_product_of_its_matrices(squared_length: float) -> None:
+    vertices, faces = ball(60, 1.0)
+    rng, free = np.random.default_rng(1), 40
+    vertices[:10] /= 2
+    bending, gradient = Bending.of(vertices, faces), Bending.of(vertices, faces[::2])
+    weights = np.where(rng.uniform(size=60) < 0.7, rng.uniform(1, 2, 60), 0.0)
+    form = BendingForm(
+        bending=bending, free=free, weights=weights, squared_length=squared_length, gradient=gradient.matrix
+    )
+    slope = bending.laplacian.toarray()[:free] * weights
+    whole = slope @ (np.diag(bending.areas) + squared_length * gradient.laplacian.toarray())
+    function = rng.normal(size=60)
+    np.testing.assert_allclose(form.of(function), whole @ function, rtol=1e-9, atol=1e-9 * np.abs(whole).max())
+    stiffness = form.stiffness
+    assert stiffness.has_sorted_indices
+    np.testing.assert_allclose(stiffness.toarray(), whole @ slope.T / 2, rtol=1e-9, atol=1e-9 * np.abs(whole).max())
+
+
+@pytest.mark.parametrize("count", [40, 400])
+def test_a_stiffness_has_as_many_entries_as_it_needs(count: int) -> None:
+    # all vertices of a fan are within two edges of each other, more than there is room for at first
+    ring = np.arange(1, count)
+    faces = np.stack([np.zeros(count - 1, dtype=int), ring, np.roll(ring, -1)], axis=1)
+    angle = 2 * np.pi * ring / (count - 1)
+    bending = Bending.of(
+        np.concatenate([np.zeros((1, 3)), np.stack([np.cos(angle), np.sin(angle), 0 * angle], 1)]), faces
+    )
+    form = BendingForm(bending=bending, free=count, weights=np.ones(count), squared_length=0.0, gradient=bending.matrix)
+    laplacian = bending.laplacian.toarray()
+    expected = laplacian @ np.diag(bending.areas) @ laplacian / 2
+    np.testing.assert_allclose(form.stiffness.toarray(), expected, atol=1e-9 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("angle", [0.0, 30.0, 90.0, 150.0])
