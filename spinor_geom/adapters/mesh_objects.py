@@ -83,7 +83,8 @@ class Open3DAdapter:
 
     def _triangles(self, obj: Any) -> TriangleMesh:
         """The triangles with their seams."""
-        return triangles_of(np.asarray(obj.vertices), np.asarray(obj.triangles), self._arrays(obj))
+        arrays = self._arrays(obj)  # refuses meshes of tensors
+        return triangles_of(np.asarray(obj.vertices), np.asarray(obj.triangles), arrays)
 
     def _arrays(self, obj: Any) -> dict[str, np.ndarray]:
         if hasattr(obj, "to_legacy"):

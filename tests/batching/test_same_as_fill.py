@@ -93,6 +93,7 @@ def both_filled(
     named = {"edge_length": "target_edge_length"}
     own = {named.get(name, name): value for name, value in options.items() if name != "strict"}
     own |= {"continuity": {"default": own.get("continuity", "C0")}}
+    own |= {name: [value] for name, value in own.items() if name == "bridge"}  # which may be repeated
     results = []
 
     def recording(mesh: MeshFile, loop: Any, **given: Any) -> tuple[MeshFile, FillResult]:
