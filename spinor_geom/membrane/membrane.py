@@ -127,6 +127,8 @@ def solve_membrane(
     require_positive("tolerance", tolerance)
     require_positive("time_limit", time_limit, finite=False)
     frame, begin = _Frame.of(edges), perf_counter()
+    if frame.turns >= np.pi * (len(frame.edges) - 2):
+        raise SurfaceError(_collapsed(frame, "its cables would turn by more than its corners leave room for"))
     control = frame.start
     tensions = np.array([one.tension or 0.0 for one in frame.cables])
     steps: list[float] = []
@@ -214,6 +216,19 @@ class _Frame:
     def given(self) -> list[int]:
         """Which cables have a given length."""
         return [k for k, cable in enumerate(self.cables) if cable.length is not None]
+
+    @property
+    def turns(self) -> float:
+        """A lower bound of the total turn of the cables less that of the fixed edges.
+
+        By the theorem of Gauss and Bonnet, where the Gauss curvature of a film is not positive, its angles at n corners
+        are 0 if this is π (n − 2), and negative beyond.
+        """
+        ends = np.linalg.norm(np.roll(self.corners, -1, axis=0) - self.corners, axis=1)
+        return sum(
+            -own.total_curvature if isinstance(own, FixedEdge) else chord / (own.cable.tension or np.inf)
+            for own, chord in zip(self.edges, ends.tolist(), strict=True)
+        )
 
     def controls(self, number: int) -> Int[np.ndarray, " k"]:
         """The control points of a cable."""

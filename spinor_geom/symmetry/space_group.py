@@ -99,7 +99,7 @@ def _alike(
     shift = np.round(away @ np.linalg.pinv(lattice)) @ lattice
     near = np.flatnonzero(np.linalg.norm(away - shift, axis=1) < _CLOSE * size)
     gaps = np.linalg.norm(image[:, None] - (others[near] + shift[near, None])[:, None], axis=3)
-    return near[gaps.min(axis=2).max(axis=1) < _CLOSE * size]
+    return np.asarray(near[gaps.min(axis=2).max(axis=1) < _CLOSE * size])
 
 
 def _compact(

@@ -122,6 +122,10 @@ def test_frames_that_collapse_are_refused() -> None:
     for given in ({"tension": 0.6}, {"length": 1.4}):
         with pytest.raises(SurfaceError, match="no equilibrium of the film was found"):
             solve_membrane(ring(SQUARE, **given))
+    # by the theorem of Gauss and Bonnet, below 2/π of the chords
+    for share in (0.36, 0.63):
+        with pytest.raises(SurfaceError, match="its cables would turn by more"):
+            solve_membrane(ring(SADDLE, tension=share * np.sqrt(5)))
 
 
 @pytest.mark.parametrize(
