@@ -14,6 +14,7 @@ from time import perf_counter
 
 import numpy as np
 from jaxtyping import Float, Int
+from numpy.typing import ArrayLike
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from spinor_geom.errors import LoopError, OptionError, OutOfTimeError, SurfaceError, require_positive
@@ -102,7 +103,7 @@ class Membrane:
 
 
 def solve_membrane(
-    edges: Sequence[Cable | OpenCurve | Float[np.ndarray, "m 3"]],
+    edges: Sequence[Cable | OpenCurve | ArrayLike],
     *,
     tolerance: float = 1e-4,
     time_limit: float = 60.0,
@@ -177,7 +178,7 @@ class _Frame:
     size: float
 
     @classmethod
-    def of(cls, given: Sequence[Cable | OpenCurve | Float[np.ndarray, "m 3"]]) -> _Frame:
+    def of(cls, given: Sequence[Cable | OpenCurve | ArrayLike]) -> _Frame:
         edges: list[CableEdge | FixedEdge] = []
         ends = []
         for number, one in enumerate(given):
@@ -185,7 +186,7 @@ class _Frame:
                 edges.append(CableEdge(one))
                 ends.append([one.start, one.end])
                 continue
-            curve = one if isinstance(one, OpenCurve) else OpenCurve(one, corners=())
+            curve = one if isinstance(one, OpenCurve) else OpenCurve(np.asarray(one), corners=())
             if curve.is_corner.any():
                 raise OptionError(f"fixed edge {number} has corners; divide it there into several edges")
             edges.append(FixedEdge(curve))
