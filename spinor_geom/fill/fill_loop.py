@@ -42,7 +42,10 @@ from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.steps import Clock
 
 # reason for a patch of an exact surface that `mesh_over_points` could not refine
-_COARSE = "its mesh of {} vertices has triangles larger than asked for (the limit on time or on vertices)"
+_COARSE = (
+    "its mesh of {} vertices has triangles larger than asked for, or less accurate vertices near the rim (the limit on "
+    "time or on vertices)"
+)
 _SEARCHES = 2  # for intersections, before and after a patch is changed in its own frame
 _SEARCH_SECONDS = 3e-5  # for each face of a patch whose intersections are searched: measured are 1e-5 to 3e-5
 _SECONDS_TO_REPORT = 0.5  # for the intersections of a patch, at least, where its loop has no time left

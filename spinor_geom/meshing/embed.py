@@ -49,7 +49,8 @@ class Patch(Shown):
         boundary_size: Number M of loop points, of all loops together.
         points: Positions of the vertices in Ω.
         hole_sizes: Numbers of points of the loops after the first.
-        is_complete: False if a limit on time or on vertices makes the triangles larger than asked for.
+        is_complete: False if a limit on time or on vertices makes the triangles larger than asked for, or a limit on
+            time makes the vertices near the rim less accurate.
     """
 
     vertices: Float[np.ndarray, "n 3"]
@@ -179,10 +180,11 @@ def _piece(solution: PlateauSolution, target: float) -> Piece:
 
 
 def _patch(solution: PlateauSolution, plane: PlaneTriangulation) -> Patch:
-    inner = solution.array_surface.positions_inside(plane.points[plane.boundary_size :])
+    inner, is_accurate = solution.array_surface.positions_in_time(plane.points[plane.boundary_size :])
     if not np.isfinite(inner).all():
         raise DomainError("the surface is not finite inside its domain: p or q has a pole there")
-    return Patch.over(plane, np.concatenate([*(rim.loop.points for rim in solution.rims), inner]))
+    patch = Patch.over(plane, np.concatenate([*(rim.loop.points for rim in solution.rims), inner]))
+    return replace(patch, is_complete=plane.is_complete and is_accurate)
 
 
 def mesh_surface(surface: ArraySurface, *, vertices: int = 4000) -> Patch:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
+from spinor_geom.deadline import require_time
 from spinor_geom.domain.delaunay import constrained_delaunay, cross, rim_successors
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.domain.polygons import bound_domain
@@ -33,6 +34,13 @@ _LONGEST = 8.0  # largest ratio of length to depth before neighbours are joined
 _MOST_CORNERS = 100  # of a polygon that is divided into quadrilaterals: the time grows with the fourth power
 _MOST_PAIRS = 2**22  # of points of ∂Ω whose distances are computed at once
 _ROUNDS = 10  # largest number of rounds that halve sides on ∂Ω
+# Most sides on ∂Ω, as a multiple of the first ones. Where the boundary of the surface runs back and forth, a round
+# doubles them in vain.
+_MOST_HALVED = 8
+_NOT_DIVIDED = (
+    "the plane domain cannot be divided into quadrilaterals: a part of it is too narrow, or the surface is too far "
+    "from its curve; solve with a smaller tolerance"
+)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -53,21 +61,23 @@ class Blocks:
     def of(cls, domain: PlaneDomain, rims: Sequence[Rim]) -> Blocks:
         """Quadrilaterals with corners at all corners of ∂Ω, whose sides on ∂Ω are halved until none is folded.
 
-        Raises a DomainError if a part of Ω is too narrow, or the boundary of the surface runs back and forth along Γ.
+        Raises a DomainError if a part of Ω is too narrow, or the boundary of the surface runs back and forth along Γ;
+        an OutOfTimeError at the time limit.
         """
         rings = [_Ring.along(domain, rim) for rim in rims]
+        most = _MOST_HALVED * max(_FINE, sum(map(len, rings)))
         for _ in range(_ROUNDS):
+            require_time()
             folded = [ring.folded() for ring in rings]
             if not any(some.any() for some in folded):
                 if _bounds_region(rings):
                     break
                 folded = [~some for some in folded]
             rings = [ring.improved(domain, some) for ring, some in zip(rings, folded, strict=True)]
+            if sum(map(len, rings)) > most:
+                raise DomainError(_NOT_DIVIDED)
         else:
-            raise DomainError(
-                "the plane domain cannot be divided into quadrilaterals: a part of it is too narrow, or the surface is "
-                "too far from its curve; solve with a smaller tolerance"
-            )
+            raise DomainError(_NOT_DIVIDED)
         rings = _shortened(domain, rings)
         while (found := _filled(rings)) is None:
             fewer = [ring.coarser() for ring in rings]

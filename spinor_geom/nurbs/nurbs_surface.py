@@ -14,7 +14,7 @@ from jaxtyping import Float
 from spinor_geom.adapters.cad_objects import cad_object
 from spinor_geom.adapters.open_cascade import Unit, plane_shell, require_cad_suffix, sewn_shell, write_shape
 from spinor_geom.deadline import is_out_of_time
-from spinor_geom.errors import OptionError, OutOfTimeError, require_positive
+from spinor_geom.errors import DomainError, OptionError, OutOfTimeError, require_positive
 from spinor_geom.mesh.boundary_loop import diagonals
 from spinor_geom.mesh.rational_splines import NurbsCurve, NurbsPatch, homogeneous, on_side
 from spinor_geom.nurbs.blocks import Blocks
@@ -36,6 +36,7 @@ _OF_TOLERANCE = 0.01  # accuracy of positions, relative to the tolerance
 # Most times that a solve is continued, the share of the allowed distance that it is continued to, and the relative
 # difference of areas beyond which the surface found is another one over the same curves.
 _CONTINUED, _BELOW, _SAME_AREA = 2, 0.5, 1e-3
+_FARTHEST = 0.5  # boundary residual, per mean edge, above which no case was met whose boundary runs along Γ
 _AROUND, _ROUNDING = 256, 1e-12  # points of a rim for its diagonal; tolerance of exact patches
 
 
@@ -300,6 +301,12 @@ def _one_patch(solution: PlateauSolution, rims: Sequence[Rim], allowed: float) -
 
 def _patches(solution: PlateauSolution, rims: tuple[Rim, ...], tolerance: float) -> tuple[QuadMesh, Fit, Sampler]:
     """Rings of patches along the rims, and patches inside the rings."""
+    missed = solution.boundary_residual.rms_per_edge
+    if missed > _FARTHEST:
+        raise DomainError(
+            f"the boundary of the surface is {missed:.2g} mean edges from its curve (root mean square), too far to be "
+            "moved onto it by patches: smooth the curve, or give more of its points, and solve again"
+        )
     blocks = Blocks.of(solution.domain, rims)
     samples = Samples(surface=solution.array_surface, rims=rims, blocks=blocks, accuracy=_OF_TOLERANCE * tolerance)
     mesh = QuadMesh(quads=blocks.quads, rims=_rims(blocks.sizes))

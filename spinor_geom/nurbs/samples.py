@@ -162,7 +162,8 @@ class Samples:
         start, end = self.blocks.points[self.blocks.quads[: len(self.blocks.parts), 2:]].T
         boundary = self.rims[0].boundary
         inner = (start[:, None] + _ALONG * (end - start)[:, None]).ravel()
-        return RimPrimitive.along(boundary, self._phi, ORDER, breaks_for(boundary, inner))
+        breaks, _ = breaks_for(boundary, inner)
+        return RimPrimitive.along(boundary, self._phi, ORDER, breaks)
 
 
 def _extended(

@@ -132,15 +132,24 @@ class ArraySurface(Shown):
 
         Without holes and without a closed form it uses Cauchy's formula on ∂Ω, to 1e-10 of the surface's size.
         """
+        return self.positions_in_time(z)[0]
+
+    def positions_in_time(self, z: Complex[np.ndarray, " n"]) -> tuple[Float[np.ndarray, "n 3"], bool]:
+        """`positions_inside`, and whether they are as accurate: less accurate ones near ∂Ω take less time.
+
+        Those are computed if the time limit leaves too little time.
+        """
         if self.has_closed_positions or self.domain.holes or len(z) == 0:
-            return np.asarray(self.position(z))
+            return np.asarray(self.position(z)), True
         is_inner = self.domain.root >= self.domain.triangulation.boundary_size
         boundary, ends, rim = self.domain.boundary, np.append(z, self.root) if is_inner else z, self.rim
+        is_accurate = True
         if rim is None or not rim.resolves(boundary, ends):
-            rim = RimPrimitive.along(boundary, self.null_curve, ORDER, breaks_for(boundary, ends))
+            breaks, is_accurate = breaks_for(boundary, ends)
+            rim = RimPrimitive.along(boundary, self.null_curve, ORDER, breaks)
         moved = rim.inside(ends).real
         constant = to_numpy(self.constant) - moved[-1] if is_inner else self.position(z[0]) - moved[0]
-        return np.asarray(moved[: len(z)] + constant)
+        return np.asarray(moved[: len(z)] + constant), is_accurate
 
     def integrate(self, start: Points, end: Points) -> Points:
         """Displacements r(end) − r(start) by quadrature along segments in Ω, shape (*pts, 3)."""

@@ -2,17 +2,20 @@
 
 import tracemalloc
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
+from jaxtyping import Complex, Float
 from numpy.typing import ArrayLike
 
 from spinor_geom import solve_plateau
+from spinor_geom.deadline import time_limit
 from spinor_geom.domain.delaunay import cross
-from spinor_geom.errors import DomainError
+from spinor_geom.errors import DomainError, OutOfTimeError
 from spinor_geom.gallery import curves
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.nurbs.blocks import Blocks, _levelled
+from spinor_geom.nurbs.blocks import Blocks, _levelled, _Ring
 from spinor_geom.nurbs.rims import Rim
 from spinor_geom.plateau.solution import PlateauSolution
 
@@ -94,6 +97,32 @@ def test_regions_with_too_many_corners_for_quadrilaterals_are_triangulated() -> 
 def test_a_domain_that_is_too_narrow_is_an_error() -> None:
     solution = solve_plateau(plane_polygon([0, 1, 1 + 1e-3j]))
     with pytest.raises(DomainError, match="too narrow"):
+        Blocks.of(solution.domain, Rim.all_of(solution))
+
+
+def test_rims_that_run_back_and_forth_are_an_error_after_few_rounds() -> None:
+    class BackAndForth(Rim):
+        def derivative(self, x: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
+            return super().derivative(x) * np.where(np.sin(1e6 * x) > 0, 1, -1)
+
+    solution, sizes = solve_plateau(curves.tennis_seam()), []
+    (rim,) = Rim.all_of(solution)
+    halved = _Ring.halved
+
+    def counted(self: _Ring, *rest: Any) -> _Ring:
+        sizes.append(len(self))
+        return halved(self, *rest)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(_Ring, "halved", counted)
+        with pytest.raises(DomainError, match="too far from its curve"):
+            Blocks.of(solution.domain, [BackAndForth(match=rim.match, start=rim.start, primitive=rim.primitive)])
+    assert max(sizes) < 1024
+
+
+def test_division_looks_at_the_clock() -> None:
+    solution = annulus()
+    with time_limit(0.0), pytest.raises(OutOfTimeError):
         Blocks.of(solution.domain, Rim.all_of(solution))
 
 

@@ -11,7 +11,7 @@ import pytest
 
 import spinor_geom
 from spinor_geom import gallery
-from spinor_geom.errors import CadFileError, OptionError
+from spinor_geom.errors import CadFileError, DomainError, OptionError
 from spinor_geom.gallery import curves, schwarz, surfaces
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.rational_splines import NurbsPatch
@@ -202,6 +202,14 @@ def test_surfaces_far_from_their_curve_are_reported() -> None:
     surface = spinor_geom.solve_plateau(loop, max_iterations=1).to_nurbs(tolerance=1e-2)
     assert not surface.converged
     assert "the solution has not converged" in surface.reason
+
+
+def test_surfaces_an_edge_off_their_curve_are_refused_at_once() -> None:
+    solution = SMOOTH["seam"]()
+    far = replace(solution.boundary_residual, rms=solution.loop.mean_edge_length)
+    solution = replace(solution, boundary_residual=far, solved_to=None)
+    with pytest.raises(DomainError, match="smooth the curve"):
+        solution.to_nurbs(tolerance=1e-4)
 
 
 def test_bad_tolerances_and_suffixes_are_errors(tmp_path: Path) -> None:
