@@ -102,6 +102,7 @@ def batch(
     strict: bool = False,
     closing: float = 1e-3,
     compare: bool = False,
+    pictures: bool = False,
     workers: int | None = None,
     scheduler: str | Cluster | Client | None = None,
     device: str | None = None,
@@ -115,8 +116,8 @@ def batch(
     Surfaces over closed curves of OBJ files (`l` elements) are computed too. A file that cannot be filled, or that
     crashes its process, does not stop the batch: its record, the table and the log have the reason. An interrupted run
     continues with `resume=True`. The results do not depend on interruptions or on the number of workers: files are
-    equal byte for byte, records except for timings (on one kind of processor, and unless a loop reaches the time
-    limit).
+    equal byte for byte, records and pages except for timings (on one kind of processor, and unless a loop reaches the
+    time limit).
 
     Args:
         inputs: mesh files of every format that `read_mesh` reads, folders (with all subfolders), patterns, manifests
@@ -141,6 +142,8 @@ def batch(
         strict: counts a file as not done if a loop has no exact surface within the tolerance.
         closing: the ends of open curves are joined if the gap is at most this many mean edge lengths.
         compare: also compares each surface with a discrete minimal surface.
+        pictures: draws each filled mesh while the batch runs, and writes a page with its loops and a scene to turn.
+            The page of the batch shows the pictures, each with a link to its page.
         workers: processes that solve on this machine; by default one for each core that this process may use.
         scheduler: a Dask cluster to use instead: the address of its scheduler, the cluster, or a client, whose TLS
             settings are used. All machines must see inputs and output under the same names.
@@ -159,12 +162,15 @@ def batch(
         OptionError: an option has a value that is not allowed.
         BatchError: an input does not exist or holds no mesh files, the output folder belongs to another run or cannot
             be written to, or the scheduler cannot be reached.
-        MissingPackageError: the packages of the extra `batch` are not installed, or for a cluster those of `cluster`.
+        MissingPackageError: the packages of the extra `batch` are not installed, for a cluster those of `cluster`, or
+            for pictures those of `render`.
     """
     for package in ("filelock", "psutil"):
         require(package, extra="batch")
     if scheduler is not None:
         require("distributed", extra="cluster")
+    if pictures:
+        require("pyvista", extra="render")
     options = BatchOptions(
         what=what,
         format=format,
@@ -181,6 +187,7 @@ def batch(
         strict=strict,
         closing=closing,
         compare=compare,
+        pictures=pictures,
         device=device,
     )
     require_positive("memory_limit", memory_limit)

@@ -31,6 +31,7 @@ class BatchOptions(Choice, PatchOptions):
     strict: bool = False
     closing: float = CLOSING
     compare: bool = False
+    pictures: bool = False
     device: str | None = None
 
     def __post_init__(self) -> None:
@@ -46,6 +47,8 @@ class BatchOptions(Choice, PatchOptions):
         require_merge(self.merge)
         if self.what == "loops" and self.format not in (*CURVE_FORMATS, None):
             raise OptionError(f"{self.format} files cannot store curves; use {' or '.join(CURVE_FORMATS)} for loops")
+        if self.what == "loops" and self.pictures:
+            raise OptionError("pictures show filled meshes, and with what='loops' nothing is filled; leave them out")
         if self.edge_length != "auto":
             require_positive("edge_length", self.edge_length)
         if not 0 <= self.closing < math.inf:

@@ -12,6 +12,7 @@ from typing import Any
 
 from spinor_geom.batching.archives import ArchiveReader, Member
 from spinor_geom.batching.inputs import Source
+from spinor_geom.batching.pictures import MeshPictures
 from spinor_geom.batching.settings import BatchOptions
 from spinor_geom.batching.store import Store, Writer, failure
 from spinor_geom.batching.task import FileTask
@@ -24,7 +25,7 @@ from spinor_geom.plateau.options import usable_place
 WAITING = 4  # files that are written while the next is meshed; writing one waits for the disk several times
 
 
-def work(job: dict[str, Any], send: Send, *, archives: ArchiveReader) -> None:
+def work(job: dict[str, Any], send: Send, *, archives: ArchiveReader, pictures: MeshPictures) -> None:
     """Solves the loops of some sources together and writes the results.
 
     The job has "sources", "options" and "store", as `asdict` gives them. Sends "reading" before each source is read,
@@ -34,7 +35,7 @@ def work(job: dict[str, Any], send: Send, *, archives: ArchiveReader) -> None:
     options, store = BatchOptions(**job["options"]), Store(**job["store"])
     sources = [Source(**entry) for entry in job["sources"]]
     try:
-        _work(sources, options, store, archives, send)
+        _work(sources, options, store, archives, pictures, send)
     except BatchError as error:
         send({"stop": str(error)})
     except Exception as error:  # a bug, which must not affect the other files
@@ -45,7 +46,14 @@ def work(job: dict[str, Any], send: Send, *, archives: ArchiveReader) -> None:
         send({"finished": store.fail(sources[0], reason)})
 
 
-def _work(sources: Sequence[Source], options: BatchOptions, store: Store, archives: ArchiveReader, send: Send) -> None:
+def _work(
+    sources: Sequence[Source],
+    options: BatchOptions,
+    store: Store,
+    archives: ArchiveReader,
+    pictures: MeshPictures,
+    send: Send,
+) -> None:
     try:
         usable_place(options.device)
     except OptionError as error:
@@ -75,7 +83,11 @@ def _work(sources: Sequence[Source], options: BatchOptions, store: Store, archiv
     waiting: deque[Future[dict[str, Any]]] = deque()
     with ThreadPoolExecutor(WAITING) as writer:
         for task in tasks:
-            waiting.append(writer.submit(store.commit, task.source, *_results(task, rims, curves)))
+            record, files = _results(task, rims, curves)
+            if options.pictures and task.result is not None:
+                send({"solving": ""})
+                pictures.add(task.result, task.source, record, files)
+            waiting.append(writer.submit(store.commit, task.source, record, files))
             while waiting and (waiting[0].done() or len(waiting) > WAITING):
                 send({"finished": waiting.popleft().result()})
         for one in waiting:
@@ -113,4 +125,4 @@ def _results(
 
 if __name__ == "__main__":
     warnings.simplefilter("ignore")  # standard error is not shown; notes are in the records
-    serve(partial(work, archives=ArchiveReader()))
+    serve(partial(work, archives=ArchiveReader(), pictures=MeshPictures()))

@@ -30,7 +30,8 @@ FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 # `strict` it is not an exact surface within the tolerance. "failed": a loop without a patch, a file with such a loop,
 # or a file that cannot be used. "fault": the file's process crashed or was killed; a resumed batch retries it.
 STATUSES = ("done", "open", "imperfect", "failed", "fault")
-_FIGURES = ("vertices", "faces", "curves", "closed", "complete", "watertight", "intersection_free", "filled")
+_FIGURES = ("vertices", "faces", "curves", "closed", "complete", "watertight", "intersection_free")
+_FILES = ("filled", "picture", "page")  # of the whole mesh
 
 
 def failure(key: str, reason: str, *, status: str = "failed") -> dict[str, Any]:
@@ -39,7 +40,7 @@ def failure(key: str, reason: str, *, status: str = "failed") -> dict[str, Any]:
         "source": key,
         "status": status,
         "reason": printable(reason),
-        **dict.fromkeys(_FIGURES),
+        **dict.fromkeys((*_FIGURES, *_FILES)),
         "notes": [],
         "loops": [],
         "version": program_version(),
@@ -103,7 +104,7 @@ class Store:
         folder = Path(self.output, RESULTS, source.key)
         try:
             files = [name for loop in record["loops"] for name in loop["files"].values()]
-            files += [record["filled"]] if record["filled"] else []
+            files += [record[name] for name in _FILES if record[name]]
             return summary(record) if all((folder / name).is_file() for name in files) else None
         except (KeyError, TypeError):  # edited, or written by another version
             return None

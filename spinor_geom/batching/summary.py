@@ -9,25 +9,29 @@ from dataclasses import asdict
 from html import escape
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import numpy as np
 from jaxtyping import Float
 
 from spinor_geom.batching.inputs import Source
+from spinor_geom.batching.pictures import PROGRAM
+from spinor_geom.batching.pictures import SIZE as PICTURE_SIZE
 from spinor_geom.batching.settings import BatchOptions
-from spinor_geom.batching.store import Store, explanation, failure, log_line, summary
+from spinor_geom.batching.store import RESULTS, Store, explanation, failure, log_line, summary
 from spinor_geom.files import atomic_path, together, write_text
 from spinor_geom.render.camera import Camera, upright
-from spinor_geom.render.page import document, folded, table
+from spinor_geom.render.page import document, folded, programs, table
 from spinor_geom.render.scene import RIM_COLOUR
 from spinor_geom.version import program_version
 
-FIRST, WORST, FAILED, REASONS = 12, 12, 48, 40  # largest numbers of each on the page
+FIRST, WORST, FAILED, REASONS, MESHES = 12, 12, 48, 40, 1000  # largest numbers of each on the page
 BAR = 30  # characters of the longest bar of a histogram
 SIZE, MARGIN = 160, 8  # of a thumbnail
 TILT = np.radians(35.0)  # of the view, against the normal of the points' plane
 STYLE = """.loops { display: flex; flex-wrap: wrap; gap: 1rem }
 .loops figure { margin: 0; width: 170px; font-size: 12px; overflow-wrap: anywhere }
+.loops img { width: 100%; height: auto; display: block; background: #fff }
 svg { border: 1px solid var(--faint); background: #fff }"""
 NO_RESULTS = "has no results: they could not be written, or were removed; resume the batch"
 COLUMNS = (
@@ -60,6 +64,8 @@ def write_summary(store: Store, sources: Iterable[Source], options: BatchOptions
                     log.write(log_line(summary(record)))
                 rows.writerows({key: _no_formula(value) for key, value in row.items()} for row in _rows(record))
         settings = {**asdict(options), "seconds": f"{seconds:.1f}", "version": program_version()}
+        if options.pictures:
+            write_text(Path(store.output, PROGRAM), "\n".join(programs()))
         write_text(page, _page(content, settings))
     return path, page
 
@@ -103,12 +109,17 @@ class _PageContent:
         self.first: list[dict[str, Any]] = []
         self.failed: list[dict[str, Any]] = []
         self.imperfect: list[dict[str, Any]] = []
+        self.meshes: list[dict[str, Any]] = []
         self.worst: list[dict[str, Any]] = []  # by descending residual
         # numbers of loops by floor(log10) of the residual, and of the seconds
         self.decades: dict[str, Counter[int]] = {"residual per mean edge": Counter(), "seconds": Counter()}
 
     def add(self, record: dict[str, Any]) -> None:
         self.files[record["status"]] += 1
+        if len(self.meshes) < MESHES:
+            outline = record["loops"][0]["outline"] if record["loops"] else None
+            own = {name: record[name] for name in ("picture", "page", "notes")}
+            self.meshes.append({**summary(record), **own, "outline": outline})
         if record["reason"]:
             self._add_failed({**record, "index": None, "name": "", "outline": None})
         for loop in record["loops"]:
@@ -148,14 +159,16 @@ def _page(content: _PageContent, settings: dict[str, Any]) -> str:
     if content.reasons:
         reasons = [(str(number), reason) for reason, number in content.reasons.most_common()]
         body.append(f"<h2>Failures</h2>{table(('times', 'reason'), reasons)}")
-    for title, loops in (
-        ("First failures", content.failed),
-        ("Patches to check, and loops that are still open", content.imperfect),
-        ("Largest boundary residuals", content.worst),
-        ("First loops", content.first),
+    meshes = "All meshes" if sum(content.files.values()) <= MESHES else f"The first {MESHES} meshes"
+    for title, entries, shown in (
+        ("First failures", content.failed, _figure),
+        ("Patches to check, and loops that are still open", content.imperfect, _figure),
+        (meshes, content.meshes if settings["pictures"] else [], _mesh_figure),
+        ("Largest boundary residuals", content.worst, _figure),
+        ("First loops", content.first, _figure),
     ):
-        if loops:
-            figures = "".join(_figure(loop) for loop in loops)
+        if entries:
+            figures = "".join(map(shown, entries))
             body.append(f"<h2>{title}</h2><div class=loops>{figures}</div>")
     for name, decades in content.decades.items():
         if decades:
@@ -182,9 +195,28 @@ def _figure(loop: dict[str, Any]) -> str:
         "" if residual is None else f"residual {residual:.1e} per mean edge",
         explanation(loop)[:200],
     ]
-    caption = "<br>".join(map(escape, filter(None, lines)))
-    picture = thumbnail(np.array(loop["outline"])) if loop["outline"] else ""
-    return f"<figure>{picture}<figcaption>{caption}</figcaption></figure>"
+    return _captioned(_outline(loop), lines)
+
+
+def _mesh_figure(mesh: dict[str, Any]) -> str:
+    """The picture of a filled mesh with a link to its page; else the outline of its first loop."""
+    folder = quote(f"{RESULTS}/{mesh['key']}")
+    shown = _outline(mesh)
+    if mesh["picture"]:
+        size = "width={} height={}".format(*PICTURE_SIZE)
+        shown = f'<img src="{folder}/{mesh["picture"]}" alt="{escape(mesh["key"])}" {size} loading=lazy>'
+    if mesh["page"]:
+        shown = f'<a href="{folder}/{mesh["page"]}">{shown or "page"}</a>'
+    counted = f"{mesh['loops']} {'loop' if mesh['loops'] == 1 else 'loops'}, {mesh['status']}"
+    return _captioned(shown, [mesh["key"], mesh["reason"] or counted, mesh["first"][:200], *mesh["notes"][-1:]])
+
+
+def _captioned(shown: str, lines: Iterable[str]) -> str:
+    return f"<figure>{shown}<figcaption>{'<br>'.join(map(escape, filter(None, lines)))}</figcaption></figure>"
+
+
+def _outline(entry: dict[str, Any]) -> str:
+    return thumbnail(np.array(entry["outline"])) if entry["outline"] else ""
 
 
 def thumbnail(points: Float[np.ndarray, "n 3"]) -> str:

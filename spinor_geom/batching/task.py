@@ -21,7 +21,7 @@ from spinor_geom.errors import LoopTooShortError, OpenCurveError, SpinorGeomErro
 from spinor_geom.files import safe_name
 from spinor_geom.fill.fill_loop import fill_loop, unfilled
 from spinor_geom.fill.fill_options import FillOptions
-from spinor_geom.fill.fill_result import LoopOutcome
+from spinor_geom.fill.fill_result import FillResult, LoopOutcome
 from spinor_geom.fill.filling import Filling
 from spinor_geom.fill.merging import merged
 from spinor_geom.fill.obj_curves import NamedLoop, curve_loops
@@ -47,6 +47,7 @@ class FileTask:
         problem: why its faces cannot be used, if its curves can.
         rims: the holes to solve, in order.
         curve_loops: the curves to solve, in order.
+        result: the fill, after `results`; None if no mesh was filled.
     """
 
     def __init__(self, data: bytes, source: Source, options: BatchOptions, fill_options: FillOptions) -> None:
@@ -79,6 +80,7 @@ class FileTask:
         is_solved = options.what != "loops"
         self.rims = self.filling.rims if self.filling is not None and is_solved else []
         self.curve_loops = [curve.loop for curve in self.curves if curve.loop and not curve.error and is_solved]
+        self.result: FillResult | None = None
         self._files: dict[str, Writer] = {}
 
     def results(
@@ -95,7 +97,7 @@ class FileTask:
         elif self.filling is not None:
             outcomes, patches = self.filling.filled(rims)
             self._clock.lap("fill")
-            result = self.filling.result(self._mesh, outcomes, patches, self._clock)
+            self.result = result = self.filling.result(self._mesh, outcomes, patches, self._clock)
             patch_of = {patch.index: patch for patch in patches}
             entries = [self._hole(outcome, patch_of.get(outcome.index)) for outcome in outcomes]
             record |= result.to_dict()

@@ -406,6 +406,7 @@ def _add_batch(commands: _Commands) -> None:
     add("--format", choices=FORMAT, help="format of the meshes (default: that of each input)")
     _add_merge(add)
     _add_filling(batch)
+    add("--pictures", **_FLAG, help="draw each filled mesh, and write a page with a scene to turn (extra 'render')")
     add("--workers", **_COUNT, help="number of worker processes (default: one per core)")
     add("--scheduler", metavar="ADDRESS", help="Dask scheduler to use instead, such as tcp://host:8786")
     _add_closing(add)

@@ -29,20 +29,20 @@ _MARGIN = 2.2  # radius shown around a small hole, in radii of the hole
 _CLOSE_UP = 0.5  # the close-up is used if its radius is below this share of the mesh's radius
 
 
-def fill_scene(result: FillResult) -> tuple[Scene, Scene]:
-    """The open and the filled mesh, both with the camera of `hole_camera`."""
-    original, extension, camera = result.original, result.extension, fill_camera(result)
+def fill_scene(result: FillResult, *, up: Literal["y", "z"] | None = None) -> tuple[Scene, Scene]:
+    """The open and the filled mesh, both with the camera of `hole_camera`; `up` is by default that of the file."""
+    original, extension, camera = result.original, result.extension, fill_camera(result, up)
     mesh = mesh_layers(original, [outcome.loop for outcome in result.loops], skin=skin_of(result.mesh, original))
     vertices = np.concatenate([original.vertices, extension.vertices])
     patch = Faces(vertices=vertices, faces=extension.faces, edges=True, **PATCH)
     return Scene(layers=mesh, camera=camera, title="open"), Scene(layers=[*mesh, patch], camera=camera, title="filled")
 
 
-def fill_camera(result: FillResult) -> Camera:
+def fill_camera(result: FillResult, up: Literal["y", "z"] | None = None) -> Camera:
     """The camera of `hole_camera` for the loop of `shown_loop`."""
     # a smooth patch may reach far beyond the mesh
     points = np.concatenate([used_vertices(result.original), result.extension.vertices])
-    return hole_camera(points, shown_loop(result.loops), up_of(result))
+    return hole_camera(points, shown_loop(result.loops), up or up_of(result))
 
 
 def patch_labels(result: FillResult) -> list[Label]:

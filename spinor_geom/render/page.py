@@ -25,6 +25,11 @@ def _file(name: str) -> str:
     return files("spinor_geom.render").joinpath(name).read_text(encoding="utf-8")
 
 
+def programs() -> list[str]:
+    """three.js and the viewer, the program of pages with scenes."""
+    return [_file("three.min.js"), _file("viewer.js")]
+
+
 def document(title: str, body: Sequence[str], *, style: str = "") -> str:
     """A whole page from pieces of HTML; `style` is CSS added to page.css."""
     return "\n".join(
@@ -131,8 +136,8 @@ class Views:
         )
         return f'<figure class="view {scene.shape}" id="{place}"></figure>'
 
-    def script(self) -> str:
-        """The script elements: the data of all scenes, three.js and the viewer."""
+    def script(self, program: str | None = None) -> str:
+        """The script elements: the data of all scenes, and the program or, if given, its address."""
         data = {
             "colours": {"stops": VIRIDIS, "unknown": UNKNOWN_COLOUR},
             "arrays": list(self._arrays),
@@ -144,7 +149,8 @@ class Views:
                     f'<script type="application/json" id="{name}">{json.dumps(value).replace("<", _LESS)}</script>'
                     for name, value in data.items()
                 ),
-                *(f"<script>{_file(name)}</script>" for name in ("three.min.js", "viewer.js")),
+                *([f"<script>{text}</script>" for text in programs()] if program is None else []),
+                *([] if program is None else [f'<script src="{html.escape(program)}"></script>']),
             ]
         )
 

@@ -6,6 +6,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ SIZE = (1600, 800)
 TIME_LIMIT = 300.0  # seconds; software rendering of a million triangles takes a few
 TIME_OF_FRAME = 5.0  # additional seconds for each frame
 DRAWING, WINDOW = "spinor_geom.render.png", "VTK_DEFAULT_OPENGL_WINDOW"  # module, and environment variable of VTK
+PICTURE = "{:04d}.png"  # name of the file of an angle
 _LABEL_SIZE, _TUBE_SIDES, _MARGIN = 14, 10, 1.06
 _THICKNESS = 1 / 250  # radius of a line of one pixel, per half the height of what is shown
 # direction to the light in the camera's frame (right, up, to the eye), and its strength
@@ -53,27 +55,48 @@ def drawn(scenes: Sequence[Scene], *, size: tuple[int, int], angles: Sequence[fl
     require("pyvista", extra="render")
     with tempfile.TemporaryDirectory() as folder:
         draw_apart(scenes, size, angles, folder, time_limit=TIME_LIMIT + TIME_OF_FRAME * len(angles))
-        yield [Path(folder) / f"{number:04d}.png" for number in range(len(angles))]
+        yield [Path(folder, PICTURE.format(number)) for number in range(len(angles))]
 
 
 def draw_apart(*job: Any, time_limit: float, module: str | None = None, on_event: Send = lambda event: None) -> None:
-    """Calls `draw` in a subprocess, as VTK terminates the process if there is no OpenGL library.
-
-    Another `module` gets the same arguments and sends events.
-    """
-    without_display = sys.platform.startswith("linux") and not os.environ.get("DISPLAY")
-    process = Process(
-        module or DRAWING, {WINDOW: os.environ.get(WINDOW, "vtkEGLRenderWindow")} if without_display else {}
-    )
+    """Calls `draw` in a subprocess that then ends; another `module` gets the same arguments and sends events."""
+    painter = Painter(module or DRAWING)
     try:
-        with tempfile.TemporaryDirectory() as folder:
-            arguments = Path(folder, "arguments")
-            arguments.write_bytes(pickle.dumps(job))
-            process.run({"arguments": str(arguments)}, on_event, seconds=time_limit)
-    except FaultError as fault:
-        raise RenderError(_explanation(fault)) from fault
+        painter.run(*job, time_limit=time_limit, on_event=on_event)
     finally:
-        process.end()
+        painter.end()
+
+
+class Painter:
+    """A process that draws, as VTK terminates its process if there is no OpenGL library; it starts on first use."""
+
+    def __init__(self, module: str = DRAWING) -> None:
+        """The module that `run` passes its arguments to."""
+        without_display = sys.platform.startswith("linux") and not os.environ.get("DISPLAY")
+        own = {WINDOW: os.environ.get(WINDOW, "vtkEGLRenderWindow")} if without_display else {}
+        self._process = Process(module, own)
+
+    def drawn_png(self, scenes: Sequence[Scene], *, size: tuple[int, int], time_limit: float) -> bytes:
+        """A picture of scenes side by side, without their titles; raises as `write_png`."""
+        require("pyvista", extra="render")
+        untitled = [replace(scene, title="") for scene in scenes]
+        with tempfile.TemporaryDirectory() as folder:
+            self.run(untitled, size, [0.0], folder, time_limit=time_limit)
+            return Path(folder, PICTURE.format(0)).read_bytes()
+
+    def run(self, *job: Any, time_limit: float, on_event: Send = lambda event: None) -> None:
+        """Passes a job to the process and waits until it is done; raises a RenderError."""
+        try:
+            with tempfile.TemporaryDirectory() as folder:
+                arguments = Path(folder, "arguments")
+                arguments.write_bytes(pickle.dumps(job))
+                self._process.run({"arguments": str(arguments)}, on_event, seconds=time_limit)
+        except FaultError as fault:
+            raise RenderError(_explanation(fault)) from fault
+
+    def end(self) -> None:
+        """Ends the process, if there is one."""
+        self._process.end()
 
 
 def _explanation(fault: FaultError) -> str:
@@ -145,7 +168,7 @@ def draw(scenes: Sequence[Scene], size: tuple[int, int], angles: Sequence[float]
         for renderer in plotter.renderers:
             renderer.ResetCameraClippingRange()
         plotter.render()
-        plotter.screenshot(str(Path(folder) / f"{number:04d}.png"))
+        plotter.screenshot(str(Path(folder, PICTURE.format(number))))
     plotter.close()
 
 

@@ -47,8 +47,12 @@ from spinor_geom.render.scene import Scene
 
 MOST_LOOPS = 8  # loops with exact surfaces, the longest first, whose Ω and functions are shown
 MOST_FACES = 120_000  # triangles of the mesh that are shown: half of them as they are, near its loops
+FEWER_FACES = 20_000  # the same for each mesh of a batch
 _COARSER = 1.25  # factor of the cells of a mesh that has too many triangles
-_KEYS = "Drag to turn, with Shift to move, wheel or + and − to zoom, double click or 0 to reset."
+_KEYS = (
+    "Drag to turn, with Shift to move, wheel or + and − to zoom, double click or 0 to reset. Numbers that would cover "
+    "others appear when one zooms in."
+)
 _LISTED = ("loop", "points", "perimeter", "size", "centre", "remark")  # columns of the page of loops
 _MOST_REMARKS = 3  # a longer list is collapsed
 _PIXELS = 144  # of the longer side of a function's picture
@@ -91,25 +95,46 @@ def report(
     details = [loop_views(outcome) for outcome in exact[:MOST_LOOPS]]
     views = Views()
     source = result.mesh.path if isinstance(result.mesh, MeshFile) else None
-    name = "a mesh" if source is None else source.name
-    text = document(
-        f"spinor-geom fill: {name}",
+    text = _fill_page(
+        result,
+        "a mesh" if source is None else source.name,
+        [] if source is None else [f"<p>{html.escape(str(source))}</p>"],
         [
-            f"<h1>Holes of {html.escape(name)}, {_how(result)}</h1>",
-            *([] if source is None else [f"<p>{html.escape(str(source))}</p>"]),
-            f"<p>{html.escape(_summary(result))}</p>",
-            *_remarks(result.shortcomings),
-            *_scenes(result, details, views),
+            *_scenes(result, details, views, up=up_of(result), most_faces=MOST_FACES),
             *(_loop_section(one, (comparisons or {}).get(one.outcome.index)) for one in details),
-            *_continuations(result.loops),
-            folded("All figures of all loops", f'<div class="all">{_loop_table(result.loops)}</div>'),
-            views.script(),
         ],
-        style=_PAGE_STYLE,
+        views.script(),
     )
     if path is not None:
         write_text(path, text)
     return text
+
+
+def small_report(result: FillResult, *, name: str, up: Literal["y", "z"], program: str) -> str:
+    """The report without the mathematics, of at most `FEWER_FACES` triangles; `program` is the address of its program.
+
+    `name` is that of the mesh, and `up` its axis that is upwards.
+    """
+    views = Views()
+    scenes = _scenes(result, [], views, up=up, most_faces=FEWER_FACES)
+    return _fill_page(result, name, [], scenes, views.script(program))
+
+
+def _fill_page(result: FillResult, name: str, head: Sequence[str], parts: Sequence[str], script: str) -> str:
+    return document(
+        f"spinor-geom fill: {name}",
+        [
+            f"<h1>Holes of {html.escape(name)}, {_how(result)}</h1>",
+            *head,
+            f"<p>{html.escape(_summary(result))}</p>",
+            *_remarks(result.shortcomings),
+            *parts,
+            *_continuations(result.loops),
+            folded("All figures of all loops", f'<div class="all">{_loop_table(result.loops)}</div>'),
+            script,
+        ],
+        style=_PAGE_STYLE,
+    )
 
 
 def loops_page(
@@ -117,7 +142,7 @@ def loops_page(
 ) -> str:
     """A page with a mesh, its numbered loops, and a table whose head is the first of `rows`."""
     whole = mesh.mesh
-    shown = _shown(whole, np.concatenate([loop.points for loop in loops] or [whole.vertices[:1]]))
+    shown = _shown(whole, np.concatenate([loop.points for loop in loops] or [whole.vertices[:1]]), MOST_FACES)
     front, _ = loops_scene(whole, loops, up=up)
     scene = replace(
         front,
@@ -179,12 +204,15 @@ def _remarks(remarks: Sequence[str]) -> list[str]:
     ]
 
 
-def _scenes(result: FillResult, details: Sequence[LoopViews], views: Views) -> list[str]:
+def _scenes(
+    result: FillResult, details: Sequence[LoopViews], views: Views, *, up: Literal["y", "z"], most_faces: int
+) -> list[str]:
     """The panel and the scenes that follow it: the filled mesh, Ω and the Gauss map."""
     patches = {outcome.index: outcome.patch for outcome in result.loops if outcome.patch is not None}
     shown = {one.outcome.index: one for one in details}
     loops = [outcome.loop for outcome in result.loops]
-    mesh = _shown(result.original, np.concatenate([loop.points for loop in loops] or [result.original.vertices[:1]]))
+    near = np.concatenate([loop.points for loop in loops] or [result.original.vertices[:1]])
+    mesh = _shown(result.original, near, most_faces)
     skin = skin_of(result.mesh, mesh) if mesh is result.original else {}  # a coarser mesh has other corners
     layers = mesh_layers(mesh, loops, edges=WIREFRAME, skin=skin)
     for index, patch in patches.items():
@@ -196,8 +224,8 @@ def _scenes(result: FillResult, details: Sequence[LoopViews], views: Views) -> l
     scene = Scene(
         title="The filled mesh: patches orange with the numbers of their loops, loops blue",
         layers=layers,
-        camera=hole_camera(used, shown_loop(result.loops), up_of(result)),
-        loop_cameras={str(index): hole_camera(used, result.loops[index].loop, up_of(result)) for index in patches},
+        camera=hole_camera(used, shown_loop(result.loops), up),
+        loop_cameras={str(index): hole_camera(used, result.loops[index].loop, up) for index in patches},
         labels=patch_labels(result),
         unit="mesh units",
         panel=True,
@@ -220,7 +248,8 @@ def _scenes(result: FillResult, details: Sequence[LoopViews], views: Views) -> l
         for one in details
     )
     listed = f'<div class="all">{_short_table(result.loops)}</div>' if result.loops else ""
-    return [*parts, f'<div class="beside">{main}<div>{listed}{beside}</div></div>']
+    mathematics = folded("Mathematics: Ω and the Gauss map", beside) if details else ""
+    return [*parts, f'<div class="beside">{main}<div>{listed}{mathematics}</div></div>']
 
 
 def _short_table(outcomes: Sequence[LoopOutcome]) -> str:
@@ -234,23 +263,23 @@ def _short_table(outcomes: Sequence[LoopOutcome]) -> str:
     return table(("loop", "patch", "points", "size", "area", "reason"), rows, marked=bad, by_loop=True)
 
 
-def _shown(mesh: TriangleMesh, points: np.ndarray) -> TriangleMesh:
-    """A mesh of at most `MOST_FACES` triangles: those nearest to some points, and a coarser mesh of the others.
+def _shown(mesh: TriangleMesh, points: np.ndarray, most: int) -> TriangleMesh:
+    """A mesh of at most `most` triangles: those nearest to some points, and a coarser mesh of the others.
 
     Far from the points, vertices in one cell of a cubic grid become one, at the mean of their positions.
     """
     faces = np.asarray(mesh.faces)
-    if len(faces) <= MOST_FACES:
+    if len(faces) <= most:
         return mesh
     distance = cKDTree(points).query(mesh.vertices[faces].mean(axis=1))[0]
     is_near = np.zeros(len(faces), dtype=bool)
-    is_near[np.argpartition(distance, MOST_FACES // 2)[: MOST_FACES // 2]] = True
+    is_near[np.argpartition(distance, most // 2)[: most // 2]] = True
     used = np.unique(faces)
     vertices, place = mesh.vertices[used], np.searchsorted(used, faces)
     kept = np.zeros(len(used), dtype=bool)
     kept[place[is_near]] = True
     # a surface of area A has about 2A/h² triangles with edges of length h
-    cell = float(np.sqrt(2 * face_areas(vertices, place[~is_near]).sum() / (MOST_FACES / 2)))
+    cell = float(np.sqrt(2 * face_areas(vertices, place[~is_near]).sum() / (most / 2)))
     while True:
         key = np.floor((vertices - vertices.min(axis=0)) / cell).astype(np.int64)
         key[kept] = np.column_stack([-1 - np.flatnonzero(kept), *np.zeros((2, int(kept.sum())), dtype=np.int64)])
@@ -258,7 +287,7 @@ def _shown(mesh: TriangleMesh, points: np.ndarray) -> TriangleMesh:
         group = group.ravel()
         corners = group[place]
         shown = corners[(corners != corners[:, [1, 2, 0]]).all(axis=1)]
-        if len(shown) <= MOST_FACES:
+        if len(shown) <= most:
             count = np.bincount(group)
             means = np.column_stack([np.bincount(group, weights=x) for x in vertices.T]) / count[:, None]
             return TriangleMesh(means, shown)

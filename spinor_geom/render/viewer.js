@@ -282,6 +282,7 @@
     }
     mark(loop) {
       for (const { text, element } of this.numbers) element.classList.toggle("chosen", text === loop);
+      this.draw();
     }
     // shows a loop by its camera
     turnTo(loop) {
@@ -326,13 +327,22 @@
       renderer.render(this.scene, camera);
       Object.assign(canvas, { width, height });  // clears it
       canvas.getContext("2d").drawImage(drawn, 0, drawn.height - height, width, height, 0, 0, width, height);
-      for (const { at, element } of this.numbers) {
-        const { x, y } = this.world.localToWorld(at.clone()).project(camera);
+      this.placeNumbers();
+      if (this.unit) this.drawRuler(least / fine / 2 * camera.zoom / this.reach);
+    }
+    // numbers that would cover one before them are hidden; the chosen one comes first
+    placeNumbers() {
+      const { clientWidth, clientHeight } = this.canvas, shown = [];
+      const isChosen = ({ element }) => element.classList.contains("chosen");
+      for (const number of [...this.numbers].sort((a, b) => isChosen(b) - isChosen(a))) {
+        const { at, text, element } = number, { x, y } = this.world.localToWorld(at.clone()).project(this.camera);
+        const place = { x: x * clientWidth / 2, y: y * clientHeight / 2, half: 5 + 3.5 * text.length };
         element.style.left = `${50 + 50 * x}%`;
         element.style.top = `${50 - 50 * y}%`;
-        element.hidden = Math.max(Math.abs(x), Math.abs(y)) > 1;
+        element.hidden = Math.max(Math.abs(x), Math.abs(y)) > 1 ||
+          shown.some((one) => Math.abs(one.x - place.x) < one.half + place.half && Math.abs(one.y - place.y) < LINE);
+        if (!element.hidden) shown.push(place);
       }
-      if (this.unit) this.drawRuler(least / fine / 2 * camera.zoom / this.reach);
     }
     // a ruler of a round length, about a quarter of the picture; `size`: CSS pixels per unit
     drawRuler(size) {
@@ -343,6 +353,7 @@
     }
   }
 
+  const LINE = 19;  // pixels, the height of a number
   const REACH = 14;  // pixels, from a rim to a click on it
   // links the rows of tables to the loops in the views
   function link(views) {

@@ -18,6 +18,7 @@ from spinor_geom import ArraySurface, batch, boundary_loops, read_mesh
 from spinor_geom.batching import archives, solver, workers
 from spinor_geom.batching.archives import ArchiveReader
 from spinor_geom.batching.inputs import Inputs, Source
+from spinor_geom.batching.pictures import MeshPictures
 from spinor_geom.batching.settings import BatchOptions, Limits
 from spinor_geom.batching.store import STAGING, failure, opened_store
 from spinor_geom.batching.summary import write_summary
@@ -44,7 +45,9 @@ def solved(given: list[Path], output: Path, *, together: int = 16, **options: An
         sources = [asdict(source) for source in Inputs(given, output=output, limits=LIMITS)]
         for start in range(0, len(sources), together):
             job = {"sources": sources[start : start + together], "options": asdict(chosen)}
-            solver.work({**job, "store": asdict(store)}, events.append, archives=ArchiveReader())
+            solver.work(
+                {**job, "store": asdict(store)}, events.append, archives=ArchiveReader(), pictures=MeshPictures()
+            )
     return events
 
 
@@ -317,6 +320,7 @@ def test_a_run_that_lost_its_folder_writes_no_more(tmp_path: Path) -> None:
         {"max_perimeter": 0},
         {"time_limit": 0},
         {"what": "loops", "format": "ply"},
+        {"what": "loops", "pictures": True},
         {"edge_length": 0.0},
         {"edge_length": "long"},
         {"tolerance": -1.0},
@@ -389,11 +393,11 @@ def test_what_a_bundle_does_is_no_fault_of_the_last_file_read(tmp_path: Path, mo
             events: Events = []
             assert limits == {"seconds": 30.0, "memory": 1 << 30}
             if len(job["sources"]) == 1:
-                solver.work(job, send, archives=ArchiveReader())
+                solver.work(job, send, archives=ArchiveReader(), pictures=MeshPictures())
                 return
             with monkeypatch.context() as patch:
                 patch.setattr(solver, "_patches", lambda *_, **__: 1 / 0)
-                solver.work(job, events.append, archives=ArchiveReader())
+                solver.work(job, events.append, archives=ArchiveReader(), pictures=MeshPictures())
             raise FaultError("took too long", kind="time", last=events[-1], output="")
 
     monkeypatch.setattr(workers, "process_of_thread", lambda _: Solver())
@@ -442,7 +446,7 @@ def test_results_that_cannot_be_written_fail_one_file_only(tmp_path: Path) -> No
         store.folder("curve001.obj").write_text("")
         events: Events = []
         job = {"sources": [asdict(source) for source in sources], "options": asdict(BatchOptions())}
-        solver.work({**job, "store": asdict(store)}, events.append, archives=ArchiveReader())
+        solver.work({**job, "store": asdict(store)}, events.append, archives=ArchiveReader(), pictures=MeshPictures())
     found = {one["key"]: one["status"] for one in (event["finished"] for event in events if "finished" in event)}
     assert found == {"curve000.obj": "done", "curve001.obj": "fault", "curve002.obj": "done"}
     assert not [event for event in events if "stop" in event]

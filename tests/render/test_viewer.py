@@ -1,6 +1,7 @@
 """Pages with scenes to rotate: complete, with the data of their meshes."""
 
 import base64
+import itertools
 import json
 import re
 from dataclasses import replace
@@ -98,4 +99,29 @@ def test_the_first_of_very_many_views_is_still_drawn(tmp_path):
         )
         assert len(colours) == 17
         assert min(colours) > 1
+        assert opened.errors == []
+
+
+def test_numbers_that_would_overlap_appear_when_one_zooms_in(tmp_path):
+    places = np.column_stack([np.linspace(0, 1, 60), np.full(60, 0.5), np.full(60, 0.25)])
+    views, path = Views(), tmp_path / "numbers.html"
+    labels = [(at, str(number)) for number, at in enumerate(places)]
+    scene = Scene(layers=[TRIANGLE], labels=labels)
+    path.write_text(document("numbers", [views.figure(scene), views.script()]), encoding="utf-8")
+    boxes = """[...document.querySelectorAll(".number")].filter((one) => !one.hidden)
+        .map((one) => [one.textContent, one.getBoundingClientRect().left, one.getBoundingClientRect().right])"""
+    with browser() as chromium, visit(chromium, path.as_uri(), ready=True) as opened:
+
+        def shown():
+            found = sorted(opened.page.evaluate(boxes), key=lambda box: box[1])
+            assert all(one[2] < other[1] for one, other in itertools.pairwise(found))
+            return {box[0] for box in found}
+
+        before = shown()
+        assert "0" in before
+        assert 5 < len(before) < 50
+        opened.page.locator("canvas").hover()
+        opened.page.mouse.wheel(0, -500)
+        opened.page.wait_for_timeout(100)
+        assert shown() - before
         assert opened.errors == []
