@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
-from spinor_geom.deadline import require_time
 from spinor_geom.domain.delaunay import constrained_delaunay, cross, rim_successors
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.domain.polygons import bound_domain
@@ -61,13 +60,11 @@ class Blocks:
     def of(cls, domain: PlaneDomain, rims: Sequence[Rim]) -> Blocks:
         """Quadrilaterals with corners at all corners of ∂Ω, whose sides on ∂Ω are halved until none is folded.
 
-        Raises a DomainError if a part of Ω is too narrow, or the boundary of the surface runs back and forth along Γ;
-        an OutOfTimeError at the time limit.
+        Raises a DomainError if a part of Ω is too narrow, or the boundary of the surface runs back and forth along Γ.
         """
         rings = [_Ring.along(domain, rim) for rim in rims]
         most = _MOST_HALVED * max(_FINE, sum(map(len, rings)))
         for _ in range(_ROUNDS):
-            require_time()
             folded = [ring.folded() for ring in rings]
             if not any(some.any() for some in folded):
                 if _bounds_region(rings):

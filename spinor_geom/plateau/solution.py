@@ -243,7 +243,6 @@ class PlateauSolution(Shown):
         Raises:
             OptionError: the tolerance or the time limit is not positive.
             DomainError: Ω is too narrow somewhere to be divided, or the surface is far from its curve.
-            OutOfTimeError: the time limit was reached before Ω was divided.
         """
         from spinor_geom.nurbs.nurbs_surface import nurbs_surface
 

@@ -10,9 +10,8 @@ from jaxtyping import Complex, Float
 from numpy.typing import ArrayLike
 
 from spinor_geom import solve_plateau
-from spinor_geom.deadline import time_limit
 from spinor_geom.domain.delaunay import cross
-from spinor_geom.errors import DomainError, OutOfTimeError
+from spinor_geom.errors import DomainError
 from spinor_geom.gallery import curves
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.nurbs.blocks import Blocks, _levelled, _Ring
@@ -118,12 +117,6 @@ def test_rims_that_run_back_and_forth_are_an_error_after_few_rounds() -> None:
         with pytest.raises(DomainError, match="too far from its curve"):
             Blocks.of(solution.domain, [BackAndForth(match=rim.match, start=rim.start, primitive=rim.primitive)])
     assert max(sizes) < 1024
-
-
-def test_division_looks_at_the_clock() -> None:
-    solution = annulus()
-    with time_limit(0.0), pytest.raises(OutOfTimeError):
-        Blocks.of(solution.domain, Rim.all_of(solution))
 
 
 def test_depths_of_many_quadrilaterals_take_little_memory() -> None:
