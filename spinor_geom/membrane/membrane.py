@@ -123,6 +123,7 @@ def solve_membrane(
         OptionError: the edges do not form a closed frame, or there is no cable.
         SurfaceError: there is no equilibrium near: the film collapses because tensions are too small or cables too
             long, or Newton's method does not converge.
+        OutOfTimeError: the time limit, which also weak tensions reach.
         SpinorGeomError: the errors of `solve_plateau`.
     """
     require_positive("tolerance", tolerance)
@@ -136,7 +137,7 @@ def solve_membrane(
     while True:
         left = time_limit - (perf_counter() - begin)
         if left <= 0:
-            raise SurfaceError(_collapsed(frame, f"Newton's method did not converge in {time_limit:g} s"))
+            raise OutOfTimeError
         film = frame.film(control, tolerance, left)
         state = _State(frame=frame, control=control, film=film)
         if not steps and len(frame.given):
@@ -305,7 +306,7 @@ class _Frame:
         )
         try:
             film = solve_plateau(curve, tolerance=tolerance, time_limit=time_limit)
-        except (LoopError, OutOfTimeError, *FAILURES) as error:
+        except (LoopError, *FAILURES) as error:
             raise SurfaceError(_collapsed(self, f"its edges do not bound a film ({error})")) from error
         assert isinstance(film, PlateauSolution)
         return film

@@ -54,7 +54,10 @@ class MirrorPlanes:
     @classmethod
     def of(cls, planes: ArrayLike) -> MirrorPlanes:
         """The planes through points with normals, (k, 2, 3); raises an OptionError for others."""
-        given = np.asarray(planes, dtype=np.float64)
+        try:
+            given = np.asarray(planes, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise OptionError(f"mirror must be one to three pairs (point, normal), not {planes!r}") from None
         if given.ndim != 3 or given.shape[1:] != (2, 3) or not 1 <= len(given) <= 3 or not np.isfinite(given).all():
             raise OptionError(f"mirror must be one to three pairs (point, normal), got an array of shape {given.shape}")
         length = np.linalg.norm(given[:, 1], axis=1)
@@ -132,8 +135,10 @@ def open_curves(what: Any) -> list[OpenCurve]:
     """The open curves that an argument describes: an `OpenCurve`, (m, 3) points, or a sequence of these."""
     if isinstance(what, OpenCurve):
         return [what]
-    if isinstance(what, np.ndarray) and what.ndim == 2:
-        return [OpenCurve(what)]
+    if isinstance(what, str) or not isinstance(what, Sequence | np.ndarray):
+        raise OptionError(f"with mirror= give an OpenCurve, an array of points, or several, not {type(what).__name__}")
+    if len(what) and not isinstance(what[0], OpenCurve) and np.ndim(what[0]) == 1:
+        return [OpenCurve(np.asarray(what))]
     return [one if isinstance(one, OpenCurve) else OpenCurve(np.asarray(one)) for one in what]
 
 
@@ -252,7 +257,7 @@ class _Placed:
         rate, by_t = (length / (ends[1] - ends[0]) for ends in (self.s, self.t))
         z = boundary.point(t[:-1] + np.diff(t) * piece_places()[:, None])
         at = s[:-1] + np.diff(s) * piece_places()[:, None]
-        known = np.arange(len(curve.breaks) - 1) if curve.at_points is None else curve.at_points
+        known = np.arange(len(curve.breaks) - 1) if curve.at_points is None else np.flatnonzero(curve.at_points)
         pairs = np.concatenate([self.rim.matching + turn for turn in (-1, 0, 1, 2)])
         inside = (pairs > [self.t[0], self.s[0]]).all(axis=1) & (pairs < [self.t[1], self.s[1]]).all(axis=1)
         pairs = np.vstack([[self.t[0], self.s[0]], pairs[inside]])
@@ -302,14 +307,14 @@ class _Part:
         domain = PlaneDomain.inside(boundary)
         breaks, values, corners = _chained([side.space for side in sides], starts)
         slopes = np.concatenate([side.slopes for side in sides], axis=1) * starts[-1]
-        at_loop = np.flatnonzero(np.concatenate([side.at_loop for side in sides]))
+        at_loop = np.concatenate([side.at_loop for side in sides])
         curve = BoundaryCurve(
             kind="analytic",
             breaks=breaks,
             coefficients=through(values, np.diff(breaks)),
             corners=corners,
             slopes=through(slopes, np.diff(breaks)),
-            at_points=None if len(at_loop) == len(corners) else at_loop,
+            at_points=None if at_loop.all() else at_loop,
         )
         loop = BoundaryLoop.from_points(values[0, at_loop], corners=np.flatnonzero(corners[at_loop]))
         pairs = [(side.pairs + start) / starts[-1] for side, start in zip(sides, starts, strict=False)]

@@ -5,8 +5,8 @@ import pickle
 import numpy as np
 import pytest
 
-from spinor_geom import OpenCurve, PlateauSolution, mesh_patch, solve_plateau
-from spinor_geom.errors import OptionError
+from spinor_geom import OpenCurve, PlateauSolution, gallery, mesh_patch, solve_plateau
+from spinor_geom.errors import MeshShapeError, OptionError
 
 ORIGIN, X, Y, Z = np.zeros(3), (1, 0, 0), (0, 1, 0), (0, 0, 1)
 
@@ -84,11 +84,20 @@ def test_a_straight_edge_at_an_angle_to_its_planes_makes_corners() -> None:
         (saddle(0, np.pi / 2), ((0, 0, 0),), "normal of plane 0 is 0"),
         (np.array([[0, 0, 0], [1, 0, 0.0]]), (X, Y), "lies on 2 planes"),
         ([], (X,), "at least one"),
+        (np.ones((2, 2, 2, 2)).tolist(), (X,), "must be real numbers"),
+        (gallery.tennis_seam(0.8).sample(32), (X,), "not BoundaryLoop"),
+        (saddle(0, np.pi / 2), ("x",), "pairs"),
     ],
 )
 def test_curves_and_planes_that_do_not_fit_are_refused(curve: object, planes: tuple[object, ...], message: str) -> None:
-    with pytest.raises(OptionError, match=message):
+    with pytest.raises((OptionError, MeshShapeError), match=message):
         solve_plateau(curve, mirror=[(ORIGIN, plane) for plane in planes])
+
+
+def test_a_curve_may_be_a_list_of_points() -> None:
+    curve, planes = [[1, 0, 0], [1, 1, 0.5], [0, 1, 0]], [(ORIGIN, X), (ORIGIN, Y)]
+    area = solve_plateau(np.array(curve), mirror=planes).area
+    assert solve_plateau(curve, mirror=planes).area == solve_plateau([curve], mirror=planes).area == area
 
 
 def test_open_curves_are_checked() -> None:
