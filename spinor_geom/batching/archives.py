@@ -1,4 +1,4 @@
-"""Tar and zip archives: their members are listed without unpacking; an unsafe member is an error of the whole archive.
+"""Tar and zip archives: their members are listed without unpacking.
 
 As a program, this module is the process that lists archives for `inputs`.
 """
@@ -6,8 +6,6 @@ As a program, this module is the process that lists archives for `inputs`.
 import errno
 import json
 import lzma
-import os
-import stat
 import struct
 import tarfile
 import zipfile
@@ -24,8 +22,6 @@ from spinor_geom.files import MOST_RATIO, NUMBERED, is_bomb, safe_name
 from spinor_geom.isolate import Send, serve
 
 SUFFIXES = (".zip", ".tar", ".tar.gz", ".tgz", ".tar.bz2", ".tbz2", ".tar.xz", ".txz")
-MOST_ZIP_MEMBERS = 200_000  # zipfile holds the list of members in memory, half a kilobyte each
-LONGEST_NAME, LONGEST_HEADER = 4096, 1 << 20  # bytes of a member's name, and of a tar header of variable length
 # Raised by the standard library for damaged bytes. A damaged archive may also raise an OSError without an errno.
 DAMAGE = (
     OSError,
@@ -39,7 +35,6 @@ DAMAGE = (
     zipfile.BadZipFile,
     zlib.error,
 )
-_COMPRESSIONS = {b"\x1f\x8b": "gz", b"BZh": "bz2", b"\xfd7zXZ\x00": "xz"}  # by the first bytes of the file
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,6 +44,7 @@ class Member:
     name: str
     size: int  # in bytes, unpacked
     place: int  # in a tar archive, the offset of its first byte in the unpacked archive; in a zip archive, its number
+    is_regular: bool = True  # else a link, a device or a sparse file, which cannot be read
 
 
 def is_archive(path: str) -> bool:
@@ -59,11 +55,17 @@ def is_archive(path: str) -> bool:
 def members(path: Path) -> Iterator[Member]:
     """The files in an archive, in its order. They are safe to use only after the iteration has ended without an error.
 
-    Raises an ArchiveError if the archive is damaged or encrypted, or holds a link, a device, an absolute name, a name
-    with "..", a name or header that is too long, or files that unpack to over 200 times their size; and an OSError.
+    Raises an ArchiveError if the archive is damaged or unpacks to over 200 times its size; and an OSError.
     """
-    with _damage_as_archive_error(path):
-        yield from (_zip_members if _is_zip(path) else _tar_members)(path)
+    packed = path.stat().st_size
+    with _damage_as_archive_error(path), _opened(path) as archive:
+        for unpacked, member in (_zip_members if isinstance(archive, zipfile.ZipFile) else _tar_members)(archive):
+            if is_bomb(unpacked, packed):
+                raise ArchiveError(
+                    f"{path}: the archive is a decompression bomb: up to '{member.name}' it unpacks to over "
+                    f"{MOST_RATIO} times its size; do not use it"
+                )
+            yield member
 
 
 @contextmanager
@@ -93,7 +95,7 @@ class ArchiveReader:
             key = (path, status.st_size, status.st_mtime_ns)
             if self._archive is None or key != self._key:
                 self.close()
-                self._archive, self._key = (zipfile.ZipFile(path) if _is_zip(path) else _opened_tar(path)), key
+                self._archive, self._key = _opened(path), key
             if isinstance(self._archive, zipfile.ZipFile):
                 return self._archive.read(self._archive.infolist()[member.place])
             entry = tarfile.TarInfo(member.name)
@@ -107,43 +109,33 @@ class ArchiveReader:
         self._archive = None
 
 
-def _is_zip(path: Path) -> bool:
-    return path.name.lower().endswith(".zip")
+def _opened(path: Path) -> zipfile.ZipFile | tarfile.TarFile:
+    if path.name.lower().endswith(".zip"):
+        return zipfile.ZipFile(path)
+    return tarfile.open(path, tarinfo=_Header)
 
 
-def _zip_members(path: Path) -> Iterator[Member]:
-    with zipfile.ZipFile(path) as archive:
-        entries = archive.infolist()
-        if len(entries) > MOST_ZIP_MEMBERS:
-            raise _refused(path, f"{len(entries)} members", f"split it into parts of at most {MOST_ZIP_MEMBERS}")
-        total, packed = 0, path.stat().st_size
-        for place, entry in enumerate(entries):
-            total += entry.file_size
-            kind = stat.S_IFMT(entry.external_attr >> 16)
-            _require_safe(path, entry.filename, entry.file_size, entry.compress_size)
-            _require_safe(path, entry.filename, total, packed)
-            if kind not in (0, stat.S_IFREG, stat.S_IFDIR):
-                raise _refused(path, f"'{entry.filename}', a link or device", "pack the files themselves")
-            if entry.flag_bits & 1:
-                raise _refused(path, f"'{entry.filename}', which is encrypted", "pack it without a password")
-            if not entry.is_dir():
-                yield Member(name=entry.filename, size=entry.file_size, place=place)
+def _zip_members(archive: Any) -> Iterator[tuple[int, Member]]:
+    """The unpacked size up to the end of each file, and the file."""
+    unpacked = 0
+    for place, entry in enumerate(archive.infolist()):
+        unpacked += entry.file_size
+        if not entry.is_dir():
+            yield unpacked, Member(name=entry.filename, size=entry.file_size, place=place)
 
 
-def _tar_members(path: Path) -> Iterator[Member]:
-    packed = path.stat().st_size
-    with _opened_tar(path) as archive:
-        while (entry := archive.next()) is not None:
-            _require_safe(path, entry.name, entry.offset_data + entry.size, packed)
-            if not (entry.isreg() or entry.isdir()) or entry.issparse():
-                raise _refused(path, f"'{entry.name}', a link, device or sparse file", "pack the files themselves")
-            if entry.isreg():
-                yield Member(name=entry.name, size=entry.size, place=entry.offset_data)
-            cast(Any, archive).members.clear()  # tarfile would keep all of them
+def _tar_members(archive: Any) -> Iterator[tuple[int, Member]]:
+    """As `_zip_members`, with all headers."""
+    while (entry := archive.next()) is not None:
+        if not entry.isdir():
+            is_regular = entry.isreg() and not entry.issparse()
+            member = Member(name=entry.name, size=entry.size, place=entry.offset_data, is_regular=is_regular)
+            yield entry.offset_data + entry.size, member
+        archive.members.clear()  # tarfile would keep all of them
 
 
 class _Header(tarfile.TarInfo):
-    """A header of a tar archive; an error if it is damaged (for tarfile the end of the archive) or too long."""
+    """A header of a tar archive; an error if it is damaged, which for tarfile is the end of the archive."""
 
     @classmethod
     def frombuf(cls, buf: Any, *arguments: Any) -> Any:
@@ -154,39 +146,9 @@ class _Header(tarfile.TarInfo):
                 raise
             raise tarfile.ReadError(f"a header is damaged: {error}") from error
 
-    def _proc_member(self, archive: tarfile.TarFile) -> Any:
-        if not self.isreg() and self.size > LONGEST_HEADER:
-            raise _refused(Path(os.fsdecode(archive.name or "")), f"a header of {self.size} bytes", "do not use it")
-        return cast(Any, super())._proc_member(archive)
-
-
-def _opened_tar(path: Path) -> tarfile.TarFile:
-    with path.open("rb") as file:
-        start = file.read(8)
-    compression = next((kind for magic, kind in _COMPRESSIONS.items() if start.startswith(magic)), "")
-    return cast(tarfile.TarFile, cast(Any, tarfile).open(path, f"r:{compression}", tarinfo=_Header))
-
-
-def _require_safe(path: Path, name: str, size: int, packed: int) -> None:
-    if is_bomb(size, packed):
-        raise _refused(
-            path,
-            f"a decompression bomb: up to '{name}' it unpacks to over {MOST_RATIO} times its size",
-            "do not use it",
-        )
-    parts = name.replace("\\", "/").split("/")
-    if len(os.fsencode(name)) > LONGEST_NAME:
-        raise _refused(path, f"'{name[:60]}…', a name of more than {LONGEST_NAME} bytes", "do not use it")
-    if not parts[0] or parts[0].endswith(":") or ".." in parts:
-        raise _refused(path, f"'{name}', a path to outside the archive", "do not use it, or repack it")
-
-
-def _refused(path: Path, what: str, advice: str) -> ArchiveError:
-    return ArchiveError(f"{path}: the archive contains {what}; {advice}")
-
 
 def list_members(job: dict[str, Any], send: Send) -> None:
-    """Writes a line of JSON for each mesh file of an archive: its key and the fields of its `Member`.
+    """Writes a line of JSON for each mesh file of an archive: the fields of its `Source` that describe it.
 
     The job has the path of the "archive", the "suffixes" of mesh files, the first "parts" of every key, and the
     "listing" to write. Sends "listed" after each member, at the end "others", the number of other files by suffix, or
@@ -203,6 +165,9 @@ def list_members(job: dict[str, Any], send: Send) -> None:
                     seen[key.lower()] += 1  # some file systems ignore case
                     key += f"{NUMBERED}{seen[key.lower()]}" if seen[key.lower()] > 1 else ""
                     entry = {"key": key, "member": member.name, "place": member.place, "size": member.size}
+                    if not member.is_regular:
+                        what = f"{job['archive']}: {member.name}: is a link, a device or a sparse file"
+                        entry["problem"] = f"{what}; pack the file itself"
                     file.write(json.dumps(entry) + "\n")
                 else:
                     others[Path(member.name).suffix.lower()] += 1

@@ -9,12 +9,10 @@ import json
 import lzma
 import os
 import re
-import stat
 import struct
 import subprocess
 import tarfile
 import tracemalloc
-import zipfile
 from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
@@ -265,46 +263,41 @@ def tar_entry(name: str, kind: bytes, target: str = "") -> tarfile.TarInfo:
     return info
 
 
-def zip_link(name: str) -> zipfile.ZipInfo:
-    info = zipfile.ZipInfo(name)
-    info.external_attr = (stat.S_IFLNK | 0o777) << 16
-    return info
-
-
 GOOD = ("good.obj", b"v 0 0 0\n")
 
 
-@pytest.mark.parametrize(
-    "bad",
-    [
-        ("../out.obj", b""),
-        ("a/../../out.obj", b""),
-        ("/etc/x.obj", b""),
-        ("..\\out.obj", b""),
-        ("C:\\x.obj", b""),
-        tar_entry("l.obj", tarfile.SYMTYPE, "/etc/passwd"),
-        tar_entry("l.obj", tarfile.LNKTYPE, "good.obj"),
-        tar_entry("folder", tarfile.SYMTYPE, "/"),
-        tar_entry("p.obj", tarfile.FIFOTYPE),
-        tar_entry("d.obj", tarfile.CHRTYPE),
-    ],
-)
-def test_an_archive_with_any_unsafe_entry_is_refused_as_a_whole(tmp_path: Path, bad: object) -> None:
-    path = packed_tar(tmp_path / "pack.tar.gz", [GOOD, bad])  # type: ignore[list-item]
-    assert keys(path) == ["pack.tar.gz/problem"]
-    assert "the archive contains" in problem(path)
-    if isinstance(bad, tuple):
-        assert "a path to outside" in problem(packed_zip(tmp_path / "pack.zip", [GOOD, bad]))
+UNSAFE = ("../out.obj", "a/../../out.obj", "/etc/x.obj", "..\\out.obj", "C:\\x.obj", f"{'a' * 5000}.obj")
 
 
-def test_zip_archives_with_links_or_passwords_are_refused(tmp_path: Path) -> None:
-    assert "a link" in problem(packed_zip(tmp_path / "a.zip", [GOOD, (zip_link("l.obj"), b"/etc/passwd")]))
+@pytest.mark.parametrize("suffix", [".tar.gz", ".zip"])
+def test_members_with_unsafe_names_have_safe_keys(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"pack{suffix}"
+    (packed_zip if suffix == ".zip" else packed_tar)(path, [GOOD, *((name, GOOD[1]) for name in UNSAFE)])
+    found = list(listed([str(path)]))
+    assert not any(source.problem for source in found)
+    assert len({source.key for source in found}) == len(found) == len(UNSAFE) + 1
+    for source in found:
+        assert set(source.key.split("/")).isdisjoint(("", ".", ".."))
+        assert ":" not in source.key
+        assert content(ArchiveReader(), source) == GOOD[1]
+
+
+def test_links_and_devices_in_an_archive_are_a_problem_each(tmp_path: Path) -> None:
+    kinds = (tarfile.SYMTYPE, tarfile.LNKTYPE, tarfile.FIFOTYPE, tarfile.CHRTYPE)
+    bad = [tar_entry(f"{number}.obj", kind, "good.obj") for number, kind in enumerate(kinds)]
+    found = list(listed([str(packed_tar(tmp_path / "pack.tar.gz", [*bad, GOOD]))]))
+    assert ["a link, a device" in source.problem for source in found] == [True] * len(bad) + [False]
+
+
+def test_encrypted_members_of_an_archive_are_not_read(tmp_path: Path) -> None:
     path = packed_zip(tmp_path / "b.zip", [GOOD])
     data = bytearray(path.read_bytes())
     for magic, flags in ((b"PK\x03\x04", 6), (b"PK\x01\x02", 8)):
         data[data.index(magic) + flags] |= 1
     path.write_bytes(data)
-    assert "encrypted" in problem(path)
+    (source,) = listed([str(path)])
+    with pytest.raises(ArchiveError, match="encrypted"):
+        content(ArchiveReader(), source)
 
 
 @pytest.mark.parametrize("suffix", [".tar.gz", ".tbz2", ".tar.xz", ".zip"])
@@ -341,20 +334,6 @@ def good_tar() -> bytes:
     info = tarfile.TarInfo(GOOD[0])
     info.size = len(GOOD[1])
     return info.tobuf(tarfile.USTAR_FORMAT) + GOOD[1].ljust(512, b"\0") + bytes(1024)
-
-
-def test_a_header_as_long_as_a_mesh_is_not_read(tmp_path: Path) -> None:
-    path = tmp_path / "bomb.tar.gz"
-    with gzip.open(path, "wb", compresslevel=6) as file:
-        file.write(pax_header(16 << 20) + good_tar())
-    assert path.stat().st_size < 2 << 20
-    tracemalloc.start()
-    with pytest.raises(ArchiveError, match=r"contains a header of 167\d{5} bytes"):
-        list(members(path))
-    _, peak = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    assert peak < 4 << 20
-    assert "a header of" in problem(path)
 
 
 def test_headers_that_add_up_end_at_the_memory_limit(tmp_path: Path) -> None:
@@ -397,10 +376,6 @@ def test_a_damaged_header_is_not_the_end(tmp_path: Path) -> None:
     path.write_bytes(data)
     assert keys(path) == ["a.tar/problem"]
     assert "a header is damaged" in problem(path)
-
-
-def test_names_longer_than_paths_are_refused(tmp_path: Path) -> None:
-    assert "a name of more than 4096 bytes" in problem(packed_tar(tmp_path / "a.tar", [("a" * 5000 + ".obj", b"")]))
 
 
 def test_an_archive_that_cannot_be_read_is_reported(tmp_path: Path) -> None:
