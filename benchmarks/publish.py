@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from spinor_geom.bench.cases import KNOWN, SAMPLED, known_kind
+from spinor_geom.bench.cases import KNOWN, REFERENCE_CASE, SAMPLED, known_kind
 from spinor_geom.bench.fillers import FILLERS, OURS, SMOOTH, SMOOTHEST
 from spinor_geom.bench.frames import FRAME_METHODS
 from spinor_geom.bench.machine import Record
 from spinor_geom.bench.measured import DISTANCE
 from spinor_geom.bench.plots import plots
-from spinor_geom.bench.promises import REFERENCE_CASE, Promise, promises
+from spinor_geom.bench.promises import Promise, promises
 from spinor_geom.bench.run_tables import csv_text, filler_table, pieces_of, scale_of, summary_table
 from spinor_geom.bench.runner import PICTURED, SUITES, VIEWS, Run, Settings, measure
 from spinor_geom.files import atomic_path, together, write_text
@@ -29,7 +29,7 @@ from spinor_geom.render.portrait import Portrait
 from spinor_geom.render.tables import Table
 
 ROOT = Path(__file__).parents[1]
-POINTS = 64  # of the loops in the table of disks
+POINTS = 64  # of loops where one number is enough
 LEFT_OUT = ("message", "expected")  # fields that are too long for a table
 SLOW = ("meshlab-close-refined", "meshlab-close-smoothed")  # have ten seconds for each hole
 CAPS = ("icosphere-4-0.85", "icosphere-4-0.7", "icosphere-4-0.3", "icosphere-4-0")
@@ -67,7 +67,7 @@ def settings(data: Path) -> list[Settings]:
         part("fills", cases=(REFERENCE_CASE,), methods=tuple(method for method in FILLERS if method not in SLOW)),
         part("fills", cases=tuple(KNOWN), methods=compared, hole_points=(POINTS,)),
         part("fills", cases=(REFERENCE_CASE,), methods=SLOW, time_limit=10.0),
-        *(part(suite, methods=compared) for suite in ("odd", "ragged", "reports", "meshes")),
+        *(part(suite, methods=compared) for suite in ("odd", "reports", "meshes")),
         part("cut-outs", methods=tuple(method for method in SMOOTHEST if method not in SLOW)),
         part("cut-outs", methods=SLOW[1:], time_limit=10.0),
         part("cad"),
@@ -90,7 +90,7 @@ def write(run: Run) -> None:
     records = [{**r, "case": Path(r["case"]).name} for r in run.records if r["status"] != "missing"]
     about, drawn, place = source(records, run.description["machine"]), plots(records), ROOT / "docs" / "bench"
     of = {suite: [r for r in records if r["suite"] == suite] for suite in SUITES}
-    page = [summary_table(records), *promise_tables(of), disk_table(of["disks"]), filler_table(of["cut-outs"])]
+    page = [summary_table(records), *promise_tables(of), filler_table(of["cut-outs"])]
     pictured = [run.folder / VIEWS / case for case in PICTURED if (run.folder / VIEWS / case).is_dir()]
     picture = drawing(pictured) if pictured else None
     place.mkdir(exist_ok=True)
@@ -205,17 +205,16 @@ def frame_table(cad: Sequence[Record]) -> Table:
 
 
 def promise_tables(of: Mapping[str, Sequence[Record]]) -> Iterator[Table]:
-    """The numbers of records and of promises that are kept, and the promises of accuracy that are missed."""
+    """The numbers of records and of promises that are kept, and the promises that are missed."""
     found = promises([r for here in of.values() for r in here])
-    kept = [
-        [_kept([f for f in found if f.suite == suite and f.kind == kind]) for kind in ("accuracy", "time")]
-        for suite in of
+    rows = [
+        (f"[{suite}]({suite}.csv)", str(len(here)), _kept([f for f in found if f.suite == suite]))
+        for suite, here in of.items()
     ]
-    rows = [(f"[{suite}]({suite}.csv)", str(len(of[suite])), *numbers) for suite, numbers in zip(of, kept, strict=True)]
-    yield Table(title="Suites", columns=("suite", "measured", "promises kept", "promises of time kept"), rows=rows)
+    yield Table(title="Suites", columns=("suite", "measured", "promises kept"), rows=rows)
     missed: dict[tuple[str, str], list[Promise]] = defaultdict(list)
     for figure in found:
-        if not figure.met and figure.kind == "accuracy":
+        if not figure.met:
             missed[figure.suite, figure.text].append(figure)
     columns = ("suite", "case", "promise", "measured")
     texts = [
@@ -253,29 +252,6 @@ def _figure(values: Sequence[float]) -> str:
 
 def _count(records: Sequence[Record]) -> int:
     return len({r["case"] for r in records})
-
-
-def disk_table(disks: Sequence[Record]) -> Table:
-    """Our disks over smooth cases in three samplings; their meshes compared with uniform discrete surfaces."""
-    of = {(r["case"], r["n"], r["method"]): r for r in disks}
-    rows = []
-    for (case, n, method), mine in of.items():
-        other = of.get((case, n, "libigl-uniform"))
-        if method != "spinor" or n != POINTS or other is None or "@" in case or known_kind(case) != "smooth":
-            continue
-        samplings = [of.get((f"{case}{sampling}", n, "spinor"), {}) for sampling in ("", "@even", "@uneven")]
-        surface = [_numbers(samplings, name) for name in ("area_error", "limit_error", "surface_distance_max")]
-        names = ("triangles", "mesh_area_error", "distance_max", "curvature_rms", "seconds")
-        meshes = [_numbers((mine, other), name) for name in names]
-        rows.append((case, *surface, *meshes))
-    meshed = ("triangles", "mesh area error", "distance max", "curvature rms", "seconds")
-    return Table(
-        title=f"Disks over smooth curves of {POINTS} points",
-        columns=("case", "area error", "limit error", "surface distance max", *meshed),
-        rows=rows,
-        note="Columns of our surface: points at the formula's steps / equally far apart / at edges of random lengths. "
-        "Columns of meshes, with points at the formula's steps: ours / that of libigl-uniform.",
-    )
 
 
 def _numbers(records: Sequence[Record], name: str) -> str:

@@ -25,6 +25,7 @@ from spinor_geom.plateau.solve import solve_plateau
 Kind = Literal["smooth", "corners", "plane"]
 Sampling = Literal["formula", "even", "uneven"]
 _DIAMETER_POINTS = 512
+REFERENCE_CASE = "enneper-0.8"  # filled with several numbers of points, and drawn
 _ROUNDING = 1e-12  # relative area error below which no further interpolant is tried
 
 

@@ -116,9 +116,6 @@ def _spinor(hole: Hole, *, continuity: ContinuityName) -> Prepared:
             area=sum(outcome.area for outcome in filled if outcome.area is not None),
             figures={
                 **{kind: sum(o.kind == kind for o in filled) for kind in ("minimal", "discrete", "smooth")},
-                "requested": len(requested),
-                "unexplained": sum(not outcome.filled and not outcome.reason for outcome in requested),
-                "within_1e-2": sum(residual <= 1e-2 for residual in residuals),
                 "residual_per_edge": max(residuals, default=None),
             },
         )

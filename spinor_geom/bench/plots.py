@@ -15,10 +15,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from spinor_geom.bench.cases import known_kind
+from spinor_geom.bench.cases import REFERENCE_CASE, known_kind
 from spinor_geom.bench.fillers import LOOP_METHODS
 from spinor_geom.bench.machine import Record
-from spinor_geom.bench.promises import REFERENCE_CASE, is_whole, names
+from spinor_geom.bench.promises import is_whole, names
 from spinor_geom.render.page import cell, picture
 from spinor_geom.render.tables import Table
 

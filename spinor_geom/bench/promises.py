@@ -4,7 +4,6 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from statistics import median
-from typing import Literal, TypeAlias
 
 from spinor_geom.bench.cases import known_kind
 from spinor_geom.bench.cut_outs import HEIGHTS
@@ -12,35 +11,24 @@ from spinor_geom.bench.fillers import CLEAREST, OUR_FILLERS, OURS, SMOOTH
 from spinor_geom.bench.frames import CAD
 from spinor_geom.bench.machine import Record
 from spinor_geom.bench.odd_holes import NOTHING_MISSING
-from spinor_geom.bench.ragged import CUT, NOISY
 
-Kind: TypeAlias = Literal["accuracy", "time"]
-
-# largest seconds of a whole fill per those of the reference, by points of the rim
-REFERENCE, REFERENCE_CASE, REFERENCE_SHARE = "meshlib-nicely", "enneper-0.8", {64: 4.0, 256: 1.0, 1000: 0.333}
-SAME_LOAD = 1.0  # seconds are compared if the loads differ by at most this
 LEAST_POINTS = 64  # of a loop that is compared with its smooth curve
 CAP_DISTANCES = dict(zip(HEIGHTS, (2e-3, 4e-3, 8e-3, 2e-2), strict=True))  # from unit spheres, by the caps' heights
 _ROUNDING = 1e-15  # smaller errors are rounding
-_NOISY_SECONDS = {100: 0.15, 250: 0.5, 600: 2.0, 1200: 6.0}  # by points of noisy rims
 # least ratios of the area errors of discrete surfaces and of other fillers to ours; largest ratio of ours to the limit
 # error
 _CLOSER, _NEARER, _OF_LIMIT = 1e3, 1e4, 10.0
-_SLOWER = 3.0  # largest ratio of our seconds to those of discrete surfaces
-_WITHIN = 1e-3  # residual per mean edge
-_SHARP = 130.0  # degrees; at sharper rims more than one vertex in ten turns by more than this
 
 
 @dataclass(frozen=True)
 class Promise:
-    """A promise and what was measured; those of kind "time" do not change the exit status."""
+    """A promise and what was measured."""
 
     suite: str
     case: str
     text: str
     measured: str
     met: bool
-    kind: Kind = "accuracy"
 
 
 def promises(records: Sequence[Record]) -> list[Promise]:
@@ -58,9 +46,7 @@ def promises(records: Sequence[Record]) -> list[Promise]:
     found += _cut_outs(done.get("cut-outs", []))
     for case, here in _by_case([r for r in done.get("cad", []) if r["method"] == CAD]).items():
         found += _frame(case, here)
-    found += _ragged([r for r in done.get("ragged", []) if r["method"] == OURS])
     found += _reports(done.get("reports", []))
-    found += _meshes([r for r in done.get("meshes", []) if r["method"] == OURS and "within_1e-2" in r])
     return found
 
 
@@ -71,12 +57,6 @@ def names(records: Iterable[Record], field: str) -> list[str]:
 
 def _by_case(records: Sequence[Record]) -> dict[str, list[Record]]:
     return {case: [r for r in records if r["case"] == case] for case in names(records, "case")}
-
-
-def _comparable(one: Record, other: Record) -> bool:
-    """Whether the seconds of two records were measured at similar loads; true if a load is unknown."""
-    loads = [load for r in (one, other) if (load := r.get("load")) is not None]
-    return len(loads) < 2 or abs(loads[0] - loads[1]) <= SAME_LOAD
 
 
 def _disks(case: str, here: list[Record]) -> Iterator[Promise]:
@@ -99,7 +79,7 @@ def _disks(case: str, here: list[Record]) -> Iterator[Promise]:
 
 
 def _beside(case: str, name: str, ours: list[Record], baseline: dict[int, Record]) -> Iterator[Promise]:
-    """Compares our area error and seconds at each number of points with those of a discrete surface."""
+    """Compares our area error at each number of points with that of a discrete surface."""
     pairs = [(r, baseline[r["n"]]) for r in ours if r["n"] >= LEAST_POINTS and r["n"] in baseline]
     if pairs:
         closer, n = min((o["area_error"] / max(m["area_error"], _ROUNDING), m["n"]) for m, o in pairs)
@@ -109,11 +89,6 @@ def _beside(case: str, name: str, ours: list[Record], baseline: dict[int, Record
             for m, o in pairs
         )
         yield Promise("disks", case, text, f"{closer:.1e} times at {n} points", met)
-    ratios = [(m["seconds"] / o["seconds"], m["n"]) for m, o in pairs if _comparable(m, o)]
-    if ratios:
-        slower, n = max(ratios)
-        text, measured = f"at most {_SLOWER:g} times the seconds of {name}", f"{slower:.2f} times at {n} points"
-        yield Promise("disks", case, text, measured, slower <= _SLOWER, "time")
 
 
 def _closed(record: Record) -> bool:
@@ -123,16 +98,8 @@ def _closed(record: Record) -> bool:
 
 
 def _fills(case: str, here: list[Record]) -> Iterator[Promise]:
-    ours = [r for r in here if r["method"] == OURS]
     text = "every fill closes the rim and keeps the mesh, bit for bit"
-    yield from share("fills", case, text, [_closed(r) for r in ours])
-    reference = {r["n"]: r for r in here if r["method"] == REFERENCE and case == REFERENCE_CASE}
-    for mine in ours:
-        n, other = mine["n"], reference.get(mine["n"])
-        if other is not None and n in REFERENCE_SHARE and _comparable(mine, other):
-            ratio, most = mine["seconds"] / other["seconds"], REFERENCE_SHARE[n]
-            text = f"whole fill of {n} points in at most {most:g} times the seconds of {REFERENCE}"
-            yield Promise("fills", case, text, f"{ratio:.2f} times", ratio <= most, "time")
+    yield from share("fills", case, text, [_closed(r) for r in here if r["method"] == OURS])
     if known_kind(case) != "plane":
         yield from _nearer("fills", case, here)
 
@@ -201,25 +168,6 @@ def bend_ratios(records: Iterable[Record]) -> list[float]:
     return [r["bend"] / r["removed_bend"] for r in records if r["bend"] is not None and r["removed_bend"]]
 
 
-def _ragged(ours: list[Record]) -> Iterator[Promise]:
-    rims = [r for r in ours if r["case"] in CUT]
-    yield from share("ragged", "cut", "no patch crosses anything", [not crossings(r) for r in rims])
-    for name, sharp, least in (("milder rims", False, 0.95), ("sharper rims", True, 0.6)):
-        residuals = [r.get("residual_per_edge") for r in rims if (r["sharpness"] >= _SHARP) == sharp]
-        near = [residual is not None and residual <= _WITHIN for residual in residuals]
-        yield from share("ragged", name, f"patches within {_WITHIN:g} of an edge", near, least)
-    if seconds := [r["seconds"] for r in rims]:
-        yield from at_most("ragged", "cut", "seconds, median,", [median(seconds)], 0.15, "time")
-        yield from at_most("ragged", "cut", "seconds", seconds, 1.0, "time")
-    for record in (r for r in ours if r["case"] in NOISY):
-        noise, points = NOISY[record["case"]]
-        residual = record.get("residual_per_edge")
-        allowed = _WITHIN if noise < 0.2 else 1e-2
-        values = [math.nan if residual is None else residual]
-        yield from at_most("ragged", record["case"], "RMS residual, in mean edges,", values, allowed)
-        yield from at_most("ragged", record["case"], "seconds", [record["seconds"]], _NOISY_SECONDS[points], "time")
-
-
 def _reports(done: list[Record]) -> Iterator[Promise]:
     for method in OUR_FILLERS:
         here = [r for r in done if r["method"] == method]
@@ -237,23 +185,12 @@ def crossings(record: Record) -> int:
     return (record.get("crossings") or 0) + (record.get("mesh_crossings") or 0)
 
 
-def _meshes(ours: list[Record]) -> Iterator[Promise]:
-    if ours:
-        loops, near = (sum(r[name] for r in ours) for name in ("requested", "within_1e-2"))
-        text = "at least 90% of the loops within 1e-2 of an edge"
-        yield Promise("meshes", "all meshes", text, f"{near} of {loops}", near >= 0.9 * loops)
-    explained = [not r.get("unexplained") for r in ours]
-    yield from share("meshes", "all meshes", "every loop that is left open has a reason", explained)
-
-
-def at_most(
-    suite: str, case: str, text: str, values: Sequence[float], limit: float, kind: Kind = "accuracy"
-) -> Iterator[Promise]:
+def at_most(suite: str, case: str, text: str, values: Sequence[float], limit: float) -> Iterator[Promise]:
     """The promise that no value exceeds a limit; nothing without values."""
     if values:
         measured = "not measured" if math.isnan(max(values)) else f"{max(values):.3g}"
         measured += f" at most, {median(values):.3g} in the median" if len(values) > 1 else ""
-        yield Promise(suite, case, f"{text} at most {limit:.3g}", measured, max(values) <= limit, kind)
+        yield Promise(suite, case, f"{text} at most {limit:.3g}", measured, max(values) <= limit)
 
 
 def share(suite: str, case: str, text: str, met: Sequence[bool], least: float = 1.0) -> Iterator[Promise]:

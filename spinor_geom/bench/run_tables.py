@@ -182,10 +182,10 @@ def left_open(record: Record) -> str:
 
 def promise_table(found: Sequence[Promise]) -> Table:
     """The promises, missed ones marked."""
-    rows = [(c.suite, c.case, c.text, c.measured, c.kind, "met" if c.met else "**missed**") for c in found]
+    rows = [(c.suite, c.case, c.text, c.measured, "met" if c.met else "**missed**") for c in found]
     missed = frozenset(k for k, c in enumerate(found) if not c.met)
-    note = f"{len(found) - len(missed)} of {len(found)} are met; the exit status ignores times." if found else ""
-    columns = ("suite", "case", "promise", "measured", "kind", "verdict")
+    note = f"{len(found) - len(missed)} of {len(found)} are met." if found else ""
+    columns = ("suite", "case", "promise", "measured", "verdict")
     return Table(title="Promises", columns=columns, rows=rows, note=note, marked=missed)
 
 

@@ -12,15 +12,14 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
-from spinor_geom.bench.cases import KNOWN, SAMPLED, known_kind
+from spinor_geom.bench.cases import KNOWN, REFERENCE_CASE, SAMPLED, known_kind
 from spinor_geom.bench.cut_outs import CAPS, WINDOWS, scan_names
-from spinor_geom.bench.fillers import FILLERS, LOOP_METHODS, OURS, REPORTED, SMOOTHEST, Tool
+from spinor_geom.bench.fillers import FILLERS, LOOP_METHODS, REPORTED, SMOOTHEST, Tool
 from spinor_geom.bench.frames import FRAME_METHODS, FRAMES
 from spinor_geom.bench.holes import mesh_files
 from spinor_geom.bench.machine import Record, Task, machine, stamp
 from spinor_geom.bench.odd_holes import odd_holes
-from spinor_geom.bench.promises import REFERENCE, REFERENCE_CASE
-from spinor_geom.bench.ragged import CUT, NOISY, reported_holes
+from spinor_geom.bench.ragged import reported_holes
 from spinor_geom.errors import OptionError
 from spinor_geom.files import finite, write_json
 from spinor_geom.isolate import FaultError, Process
@@ -119,9 +118,6 @@ SUITES: Mapping[str, Suite] = {
     "odd": Suite(lambda _: odd_holes(), FILLERS),
     "cut-outs": Suite(_cut_outs, SMOOTHEST, quick=lambda _: ("icosphere-3-0.7", "torus-outside-0.4"), repeat=1),
     "meshes": Suite(_mesh_files, FILLERS, quick=lambda _: ()),
-    "ragged": Suite(
-        lambda _: (*NOISY, *CUT), (OURS, REFERENCE), quick=lambda _: (next(iter(NOISY)), *CUT[:5]), repeat=1
-    ),
     "reports": Suite(lambda _: reported_holes(), REPORTED, quick=lambda cases: cases[:: len(cases) // 8], repeat=1),
     "cad": Suite(lambda _: FRAMES, FRAME_METHODS, quick=lambda _: FRAMES[1:4:2], repeat=1),
 }

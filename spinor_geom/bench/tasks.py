@@ -9,8 +9,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from spinor_geom.bench.cases import known_case, points_limit
 from spinor_geom.bench.cut_outs import CutOut, named_cut_out
 from spinor_geom.bench.fillers import FILLERS, LOOP_METHODS
@@ -20,11 +18,10 @@ from spinor_geom.bench.machine import Record, Task
 from spinor_geom.bench.measured import cut_out_figures, disk_figures, hole_figures, save_views
 from spinor_geom.bench.odd_holes import odd_holes
 from spinor_geom.bench.promises import LEAST_POINTS
-from spinor_geom.bench.ragged import ragged_hole, reported_holes
+from spinor_geom.bench.ragged import reported_holes
 from spinor_geom.bench.runner import METHODS
 from spinor_geom.errors import SpinorGeomError
 from spinor_geom.isolate import serve
-from spinor_geom.mesh.boundary_loop import turning_angles
 
 _ENOUGH_SECONDS = 2.0  # in all, after which a call is not repeated
 
@@ -76,9 +73,6 @@ def _fill(task: Task) -> Record:
             save_views(filled, _cut_out(task), Path(task["view"]), task["method"])
     else:
         figures = hole_figures(filled, hole, known_case(task["case"]) if task["suite"] == "fills" else None)
-    if task["suite"] == "ragged":
-        rim = hole.loops[hole.rim_indices[0]].points
-        figures["sharpness"] = float(np.degrees(np.quantile(turning_angles(rim), 0.9)))
     return {**timed, **figures, "expected": hole.expected}
 
 
@@ -96,7 +90,6 @@ _HOLES: Mapping[str, Callable[[Task], Hole]] = {
     "odd": lambda task: odd_holes()[task["case"]],
     "cut-outs": lambda task: _cut_out(task).hole,
     "meshes": lambda task: hole_of_file(task["case"]),
-    "ragged": lambda task: ragged_hole(task["case"]),
     "reports": lambda task: reported_holes()[task["case"]],
 }
 

@@ -375,12 +375,12 @@ def _add_bench(commands: _Commands) -> None:
     add = commands.add_parser(
         "bench",
         help="compare exact minimal surfaces with discrete ones and with other hole fillers",
-        epilog="exit status: 0: every promise of accuracy is met; 1: some are missed, see standard error, which also "
-        f"lists missed promises of time; {_UNUSABLE}. Repeat the command to continue an interrupted run.",
+        epilog="exit status: 0: every promise is met; 1: some are missed, see standard error; "
+        f"{_UNUSABLE}. Repeat the command to continue an interrupted run.",
     ).add_argument
     add("-o", "--output", **_path("DIR"), required=True, help="folder of the run")
     add("--quick", **_FLAG, help="a few cases of each suite, one run of each tool; takes less than three minutes")
-    suites = "disks, fills, odd, cut-outs, meshes, ragged, reports, cad"
+    suites = "disks, fills, odd, cut-outs, meshes, reports, cad"
     add("--suite", dest="suites", **_NAMES, help=f"suites: {suites} (default: all)")
     add("--cases", **_NAMES, help="names of cases, or patterns such as 'icosphere-*' (default: all)")
     add("--methods", **_NAMES, help="names of methods and tools (default: all)")

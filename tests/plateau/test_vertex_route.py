@@ -82,6 +82,19 @@ def test_a_rim_that_little_damping_does_not_reach_is_met_in_every_orientation() 
         assert solution.converged
 
 
+@pytest.mark.slow
+def test_rims_cut_along_triangles_are_met_by_films_that_cross_nothing() -> None:
+    residuals, crossings = [], 0
+    for hole in map(ragged_hole, CUT[::3]):
+        _, report = sg.fill_hole((hole.vertices, hole.faces), loop=hole.rim_indices, return_report=True)
+        (outcome,) = (one for one in report.loops if one.requested)
+        assert outcome.solution is not None
+        residuals.append(outcome.solution.boundary_residual.rms_per_edge)
+        crossings += outcome.intersections
+    assert np.quantile(residuals, 0.9) < 1e-3
+    assert crossings == 0
+
+
 @pytest.mark.parametrize(("n", "teeth"), [(20, 0.3), (90, 0.1)])
 def test_noisy_loops_are_met(n: int, teeth: float) -> None:
     solution = sg.solve_plateau(BoundaryLoop.from_points(zigzag(n, teeth=teeth), corners=[]), between="free")
