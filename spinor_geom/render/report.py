@@ -256,9 +256,9 @@ def _short_table(outcomes: Sequence[LoopOutcome]) -> str:
     """A list of the loops, whose rows select them in the view."""
     rows = []
     for outcome in outcomes:
-        row = _loop_row(outcome)
-        size, area = f"{outcome.loop.diagonal:.4g}", cell(row["area"])
-        rows.append([str(outcome.index), row["filled"], str(row["vertices"]), size, area, cell(row["reason"])])
+        how = outcome.kind or ("border" if outcome.is_border else "no" if outcome.requested else "left open")
+        size, area = f"{outcome.loop.diagonal:.4g}", cell(outcome.area)
+        rows.append([str(outcome.index), how, str(len(outcome.loop)), size, area, outcome.reason])
     bad = [k for k, outcome in enumerate(outcomes) if outcome.requested and not outcome.converged]
     return table(("loop", "patch", "points", "size", "area", "reason"), rows, marked=bad, by_loop=True)
 
@@ -295,38 +295,11 @@ def _shown(mesh: TriangleMesh, points: np.ndarray, most: int) -> TriangleMesh:
 
 
 def _loop_table(outcomes: Sequence[LoopOutcome]) -> str:
-    rows = [_loop_row(outcome) for outcome in outcomes]
-    names = [name for name in rows[0] if any(row[name] is not None for row in rows)] if rows else []
-    cells = [[cell(row[name], digits=6) for name in names] for row in rows]
+    figures = [o.to_dict() | {"timings": None, "seconds": o.timings.get("total")} for o in outcomes]
+    rows = [dict(_flat(own)) for own in figures]
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    cells = [[row.get(name, "") for name in names] for row in rows]
     return table(names, cells, marked=[k for k, outcome in enumerate(outcomes) if not outcome.converged])
-
-
-def _loop_row(outcome: LoopOutcome) -> dict[str, Any]:
-    """Figures of a loop; those of a minimal surface only if the patch is a mesh of it."""
-    entry, continuation = outcome.to_dict(), outcome.continuation
-    solution = outcome.solution if continuation is None else None
-    stability = (entry["stability"] or {}) if solution is not None else {}
-    open_as = "border" if outcome.is_border else "no" if outcome.requested else "left open"
-    return {
-        "loop": outcome.index,
-        "vertices": len(outcome.loop),
-        "perimeter": outcome.loop.perimeter,
-        "filled": outcome.kind or open_as,
-        "RMS residual/edge": None if solution is None else entry["residual_rms_per_edge"],
-        "max residual/edge": None if solution is None else entry["residual_max_per_edge"],
-        "bend of the film, °": None if continuation is None else continuation.before.rms,
-        "bend, °": None if continuation is None else continuation.after.rms,
-        "area": entry["area"],
-        "area of the mesh": entry["mesh_area"],
-        "stability": stability.get("verdict"),
-        "Morse index": stability.get("index"),
-        "route": None if solution is None else solution.route,
-        "new vertices": outcome.vertices_added,
-        "new faces": outcome.faces_added,
-        "intersections": outcome.intersections,
-        "seconds": outcome.timings.get("total"),
-        "reason": outcome.reason or None,
-    }
 
 
 def _continuations(outcomes: Sequence[LoopOutcome]) -> list[str]:

@@ -139,10 +139,6 @@ def as_pipe(folder: Path) -> None:
     os.mkfifo(folder / "maps" / "skin.png")
 
 
-def as_giant(folder: Path) -> None:
-    (folder / "maps" / "skin.png").write_bytes(png(100_000, 100_000))
-
-
 def as_long_file(folder: Path) -> None:
     with (folder / "maps" / "skin.png").open("r+b") as file:
         file.truncate(textures.MOST_BYTES + 1)
@@ -165,7 +161,6 @@ def as_long_file(folder: Path) -> None:
         ("skin.mtl", "maps/skin.png", as_link, "a link"),
         ("skin.mtl", "maps/skin.png", in_linked_folder, "a link"),
         ("skin.mtl", "maps/skin.png", as_pipe, "not a regular file"),
-        ("skin.mtl", "maps/skin.png", as_giant, "pixels"),
         ("skin.mtl", "maps/skin.png", as_long_file, "MiB"),
     ],
 )
