@@ -25,8 +25,8 @@ from spinor_geom.bench.promises import Promise, promises
 from spinor_geom.bench.run_tables import csv_text, filler_table, pieces_of, scale_of, summary_table
 from spinor_geom.bench.runner import PICTURED, SUITES, VIEWS, Run, Settings, measure
 from spinor_geom.files import atomic_path, together, write_text
+from spinor_geom.render.page import Table
 from spinor_geom.render.portrait import Portrait
-from spinor_geom.render.tables import Table
 
 ROOT = Path(__file__).parents[1]
 POINTS = 64  # of loops where one number is enough

@@ -16,7 +16,7 @@ from spinor_geom.fill.fill_hole import fill_hole as fill_hole
 from spinor_geom.fill.fill_result import FillResult as FillResult
 from spinor_geom.fill.fill_result import LoopOutcome as LoopOutcome
 from spinor_geom.fill.loop_choice import boundary_loops as boundary_loops
-from spinor_geom.gradients.minimal_area import minimal_area as minimal_area
+from spinor_geom.gradients.minimal_surface import minimal_area as minimal_area
 from spinor_geom.gradients.minimal_surface import minimal_surface as minimal_surface
 from spinor_geom.gradients.minimal_surface import nearest_on_surface as nearest_on_surface
 from spinor_geom.holomorphic.cauchy import CauchyNetwork as CauchyNetwork

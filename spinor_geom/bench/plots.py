@@ -19,8 +19,7 @@ from spinor_geom.bench.cases import REFERENCE_CASE, known_kind
 from spinor_geom.bench.fillers import LOOP_METHODS
 from spinor_geom.bench.machine import Record
 from spinor_geom.bench.promises import is_whole, names
-from spinor_geom.render.page import cell, picture
-from spinor_geom.render.tables import Table
+from spinor_geom.render.page import Table, cell, picture
 
 _SAMPLINGS = {"": "equal steps of the parameter", "even": "equal edges", "uneven": "edges of random lengths"}
 _LIMIT = "limit of the points"

@@ -19,9 +19,8 @@ from spinor_geom.bench.plots import plots
 from spinor_geom.bench.promises import Promise, bend_ratios, crossings, is_whole, names, promises
 from spinor_geom.bench.runner import METHODS, VIEWS, Run
 from spinor_geom.files import together, write_text
-from spinor_geom.render.page import Views, cell, document
+from spinor_geom.render.page import Table, Views, cell, document
 from spinor_geom.render.scene import Faces, Scale, Scene
-from spinor_geom.render.tables import Table
 
 PAGE, TABLES, CSV = "report.html", "tables.md", "records.csv"
 LOCAL = ("key", "data", "view", "repeat", "output", "seconds_all")  # fields that the CSV leaves out

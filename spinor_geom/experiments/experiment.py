@@ -18,8 +18,7 @@ from matplotlib.figure import Figure
 from spinor_geom.errors import OptionError
 from spinor_geom.experiments import NAMES
 from spinor_geom.files import atomic_path, finite, together, write_json, write_text
-from spinor_geom.render.page import document, picture
-from spinor_geom.render.tables import Table
+from spinor_geom.render.page import Table, document, picture
 from spinor_geom.training import LevenbergMarquardt, RMSprop
 from spinor_geom.version import program_version
 

@@ -13,10 +13,9 @@ from numpy.polynomial import polynomial
 from spinor_geom import gallery
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.errors import UnplacedZerosError, ZeroOnContourError
-from spinor_geom.experiments.boundary_distance import boundary_distance
 from spinor_geom.experiments.experiment import Experiment, Outcome, with_checkpoint
 from spinor_geom.experiments.figures import log_log, over_disk, surfaces
-from spinor_geom.experiments.paper_surfaces import solved_by_network
+from spinor_geom.experiments.paper_surfaces import boundary_distance, solved_by_network
 from spinor_geom.gallery import KnownCurve, KnownDisk
 from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.mesh.curve import BoundaryCurve

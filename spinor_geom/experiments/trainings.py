@@ -13,10 +13,15 @@ from jaxtyping import Complex, Float
 from matplotlib.figure import Figure
 from scipy.optimize import least_squares
 
-from spinor_geom.experiments.boundary_distance import boundary_distance
 from spinor_geom.experiments.experiment import Experiment, Outcome, with_checkpoint
 from spinor_geom.experiments.figures import HolomorphicFunction, log_log, over_disk, phases, surfaces
-from spinor_geom.experiments.paper_surfaces import boundary_of, perturbed_series, random_networks, solved_by_network
+from spinor_geom.experiments.paper_surfaces import (
+    boundary_distance,
+    boundary_of,
+    perturbed_series,
+    random_networks,
+    solved_by_network,
+)
 from spinor_geom.gallery import KnownCurve, tennis_seam, twisted_circle
 from spinor_geom.mesh.boundary_loop import diagonals
 from spinor_geom.mesh.curve import BoundaryCurve

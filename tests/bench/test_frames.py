@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from spinor_geom import gallery
+from spinor_geom.adapters.cad_curves import JoinedSplines
 from spinor_geom.bench.cases import known_case
 from spinor_geom.bench.frames import FRAMES, frame_edges, trigonometric_arcs
 from spinor_geom.bench.tasks import run
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.mesh.joined_splines import JoinedSplines
 
 
 def test_rational_arcs_are_the_trigonometric_polynomial() -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from spinor_geom.domain.plane_domain import FourierBoundary, SplineBoundary
-from spinor_geom.nurbs.quad_polynomials import CANDIDATES, CHECKS, QuadPolynomials
+from spinor_geom.nurbs.samples import CANDIDATES, CHECKS, QuadPolynomials
 from spinor_geom.nurbs.smooth_primitive import SmoothPrimitive
 from spinor_geom.surface.interior import RimPrimitive
 

@@ -151,7 +151,7 @@ def test_meshes_are_made_within_the_limit() -> None:
 def test_patches_for_cad_and_differentiable_meshes_have_a_limit() -> None:
     import torch
 
-    from spinor_geom.gradients.minimal_area import minimal_area
+    from spinor_geom.gradients.minimal_surface import minimal_area
 
     loop = gallery.tennis_seam(0.8).sample(32)
     solution = solve_plateau(loop)

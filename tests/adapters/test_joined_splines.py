@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from spinor_geom.adapters.cad_curves import JoinedSplines
 from spinor_geom.errors import CurveError
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.mesh.joined_splines import JoinedSplines
 from spinor_geom.mesh.rational_splines import NurbsCurve
 from tests.strategies import SEEDS, RigidMotion, rigid_motions
 
