@@ -85,7 +85,7 @@ def constants(pattern: str) -> Iterator[tuple[str, Any]]:
 
 
 def varied(value: Any) -> list[Any]:
-    """A number, or each of several, halved and doubled; nothing for other values."""
+    """A number, or each of several, halved and doubled, and nothing for other values."""
     if isinstance(value, tuple) and all(isinstance(v, int | float) for v in value):
         return [(*value[:k], other, *value[k + 1 :]) for k, v in enumerate(value) for other in varied(v)]
     if isinstance(value, bool) or not isinstance(value, int | float):

@@ -218,7 +218,7 @@ def cholesky(matrix: Inexact[Array, "n n"]) -> Inexact[Array, "n n"] | None:
 
 
 def definite_cholesky(matrix: Inexact[Array, "n n"]) -> Inexact[Array, "n n"]:
-    """`cholesky`; raises LinAlgError if the matrix is not positive definite."""
+    """`cholesky`. Raises LinAlgError if the matrix is not positive definite."""
     factor = cholesky(matrix)
     if factor is None:
         raise np.linalg.LinAlgError("a matrix is not positive definite")
@@ -278,7 +278,7 @@ def gram(rows: Inexact[Array, "m k"]) -> Inexact[Array, "k k"]:
 
 
 def on_device_of(x: Array) -> dict[str, Any]:
-    """The keyword argument `device` that creates arrays in the same place as x; empty for numpy."""
+    """The keyword argument `device` that creates arrays in the same place as x, empty for numpy."""
     return {} if is_numpy(x) else {"device": x.device}
 
 

@@ -67,7 +67,7 @@ class Comparison:
     patch_vertices: int
     baseline_vertices: int
     solution_seconds: float  # wall time of the exact surface, all stages
-    baseline_seconds: float | None  # wall time of the baseline; None for a given mesh
+    baseline_seconds: float | None  # wall time of the baseline, or None for a given mesh
     patch: Patch = field(repr=False)
     baseline: TriangleMesh = field(repr=False)
     surface_mesh: Patch = field(repr=False)

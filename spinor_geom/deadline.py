@@ -22,12 +22,12 @@ def time_limit(seconds: float) -> Iterator[None]:
 
 
 def seconds_left() -> float:
-    """Seconds until the time limit; inf if there is none."""
+    """Seconds until the time limit, or inf if there is none."""
     return _DEADLINE.get() - perf_counter()
 
 
 def is_out_of_time() -> bool:
-    """Whether the time limit has expired; False if there is none."""
+    """Whether there is a time limit that has expired."""
     return seconds_left() < 0
 
 

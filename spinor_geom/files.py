@@ -31,7 +31,7 @@ _DEVICE = re.compile(r"(con|conin\$|conout\$|prn|aux|nul|(com|lpt)[0-9¹²³]) *
 
 
 def up_axis(path: str | os.PathLike[str] | None) -> Literal["y", "z"]:
-    """The axis that is upwards in a file, by its suffix; y without a file."""
+    """The axis that is upwards in a file, by its suffix, or y without a file."""
     return "z" if path is not None and Path(path).suffix.lower() in Z_UP else "y"
 
 

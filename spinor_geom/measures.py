@@ -120,12 +120,12 @@ class DiscreteMeanCurvature:
 
     @property
     def max(self) -> float:
-        """Largest |H|; 0 without inner vertices."""
+        """Largest |H|, or 0 without inner vertices."""
         return float(self.values.max(initial=0.0))
 
     @property
     def rms(self) -> float:
-        """Root mean square of H, weighted by area; 0 without inner vertices."""
+        """Root mean square of H, weighted by area, or 0 without inner vertices."""
         return self._root_mean_square(self.values)
 
     @property
@@ -169,5 +169,5 @@ def discrete_mean_curvature(vertices: Float[np.ndarray, "n 3"], faces: Int[np.nd
 
 
 def smallest_angles(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, " f"]:
-    """Smallest angle of every triangle of a mesh, in degrees; 0 if two corners are equal."""
+    """Smallest angle of every triangle of a mesh, in degrees, or 0 if two corners are equal."""
     return np.asarray(np.nan_to_num(np.degrees(internal_angles(vertices, faces)), nan=0.0).min(axis=1))

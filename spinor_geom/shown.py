@@ -42,7 +42,7 @@ class Shown:
         return self._shape().framed(title=type(self).__name__)
 
     def to_pyvista(self) -> pyvista.PolyData:
-        """A `pyvista.PolyData` with the values as point data; raises MissingPackageError without pyvista."""
+        """A `pyvista.PolyData` with the values as point data. Raises MissingPackageError without pyvista."""
         require("pyvista", extra="render")
         import pyvista
 
@@ -75,7 +75,7 @@ class Shown:
         return torch.tensor(np.array(shape.vertices)), torch.tensor(np.array(shape.faces))
 
     def to_gltf(self, path: str | os.PathLike[str]) -> None:
-        """Writes a binary glTF file coloured by Gauss curvature (minimal surface) or |H| (mesh); grey where undefined.
+        """Writes a binary glTF file coloured by Gauss curvature (minimal surface) or |H| (mesh), grey where undefined.
 
         Args:
             path: `.glb` file, replaced as a whole.

@@ -82,7 +82,7 @@ class BlenderObjectAdapter:
     types = ("_bpy_types.Object", "bpy_types.Object")
 
     def to_mesh(self, obj: Any) -> TriangleMesh:
-        """The triangles; raises a MeshShapeError for objects of other types, and if a scale is 0."""
+        """The triangles. Raises a MeshShapeError for objects of other types, and if a scale is 0."""
         mesh, (axes, origin) = _MESHES.to_mesh(self._mesh(obj)), self._transform(obj)
         attributes = mesh.vertex_attributes
         return TriangleMesh(mesh.vertices @ axes + origin, mesh.faces, vertex_attributes=attributes)

@@ -13,7 +13,7 @@ _CONTENTS = ("line", "sketch", "part")  # of build123d's builders
 
 
 def cad_shapes(what: Any) -> list[Any] | None:
-    """The `TopoDS_Shape`s of an object of a CAD library, or of a list of such objects; None for anything else.
+    """The `TopoDS_Shape`s of an object of a CAD library, or of a list of such objects, or None for anything else.
 
     Objects are shapes of OCP, CadQuery and build123d, `Workplane` and `Sketch` of CadQuery, and builders of build123d.
     Raises an ArgumentTypeError if the object has no shape, or a list also has objects of other types.
@@ -30,7 +30,7 @@ def cad_shapes(what: Any) -> list[Any] | None:
 
 
 def cad_object(shape: Any, library: Literal["build123d", "cadquery"]) -> Any:
-    """A `TopoDS_Shape` as an object of a CAD library, such as its `Shell`; raises a MissingLibraryError without it."""
+    """A `TopoDS_Shape` as an object of a CAD library, such as its `Shell`. Raises a MissingLibraryError without it."""
     if importlib.util.find_spec(library) is None:
         raise MissingLibraryError(package=library)
     return importlib.import_module(library).Shape.cast(shape)

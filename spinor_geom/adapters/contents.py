@@ -34,8 +34,8 @@ class FileContents:
     attributes: Mapping[str, Float[np.ndarray, "v _"]] = field(default_factory=dict)
     labels: frozenset[str] = frozenset()  # names of the attributes whose values are classes
     color_scale: float = 1.0  # full intensity in "color": 1, 255 or 65535
-    has_linear_colors: bool = False  # whether "color" is proportional to light, as in GLB; else it is sRGB
-    # factors of the colours of the vertices that were read, proportional to light, by materials; None without any
+    has_linear_colors: bool = False  # whether "color" is proportional to light, as in GLB, and not in sRGB
+    # factors of the colours of the vertices that were read, proportional to light, by materials, or None without any
     tint: Float[np.ndarray, "n 3"] | None = None
     # the vertex that represents the position of each: itself, except at texture and normal seams
     representatives: Int[np.ndarray, " v"]
@@ -44,9 +44,9 @@ class FileContents:
     # curves beside faces, of vertex indices; a closed one repeats its first
     polylines: tuple[Int[np.ndarray, " _"], ...] = ()
     names: tuple[str, ...] = ()  # of objects and groups, as "object/group"
-    polygon_names: Int[np.ndarray, " p"] | None = None  # for each polygon an index into `names`; None without names
+    polygon_names: Int[np.ndarray, " p"] | None = None  # for each polygon an index into `names`, or None without names
     polyline_names: tuple[str, ...] = ()  # for each curve the name of its first piece
-    appearance: Appearance | None = None  # materials and textures; None if the file has none
+    appearance: Appearance | None = None  # materials and textures, or None if the file has none
     several: tuple[str, ...] = ()  # "texture coordinates" or "normals", where a vertex has several, so no attribute
     # texture coordinates where a vertex has several, and the index into them of each corner of the faces that were read
     corner_uv: tuple[Float[np.ndarray, "n k"], Int[np.ndarray, " c"]] | None = None
@@ -55,7 +55,7 @@ class FileContents:
     nonfinite_places: Mapping[int, str] = field(default_factory=dict)
     is_text_stl: bool = False  # whether an STL file is to be written as text, with all digits
     notes: tuple[str, ...] = ()  # sentences on changes after reading
-    suffix: str = ""  # the format that was read, as ".obj"; "" where the contents were changed
+    suffix: str = ""  # the format that was read, as ".obj", or "" where the contents were changed
     # the bytes of the file that was read, with new elements after its own
     appended: Callable[[MeshExtension], bytes] | None = None
 
@@ -72,7 +72,7 @@ class FileContents:
 
     @property
     def srgb(self) -> Float[np.ndarray, "v 3"] | None:
-        """The colours of the vertices in sRGB, 0 to 1, with those of their materials; None without colours."""
+        """The colours of the vertices in sRGB, 0 to 1, with those of their materials, or None without colours."""
         colors = self.attributes.get("color")
         if (colors is None or colors.shape[1] < 3) and self.tint is None:
             return None
@@ -153,7 +153,7 @@ def color_scale_of(values: np.ndarray) -> float:
 
 
 def real_numbers(words: Sequence[bytes]) -> list[float]:
-    """Words as numbers; raises a ValueError if one is not a number, or has underscores (which `float` allows)."""
+    """Words as numbers. Raises a ValueError if one is not a number, or has underscores (which `float` allows)."""
     if b"_" in b"".join(words):
         raise ValueError("underscore")
     return list(map(float, words))
@@ -212,7 +212,7 @@ def is_held_in_single_precision(contents: FileContents, positions: Float[np.ndar
 
 
 def single_precision(values: np.ndarray) -> np.ndarray:
-    """Finite numbers rounded to float32, for formats without float64; raises a MeshFileError if one is too large."""
+    """Finite numbers rounded to float32, for formats without float64. Raises a MeshFileError if one is too large."""
     largest = float(np.abs(values).max(initial=0.0))
     if largest > float(np.finfo(np.float32).max):
         raise MeshFileError(

@@ -71,7 +71,7 @@ def read_glb(data: bytes) -> FileContents:
 
 
 def _tint(container: GlbContainer, pieces: Sequence[PlacedPrimitive]) -> Float[np.ndarray, "n 3"] | None:
-    """The base colours of the materials at all vertices; None if they are all white."""
+    """The base colours of the materials at all vertices, or None if they are all white."""
     tints = np.ones((len(pieces), 3))
     for tint, primitive in zip(tints, _primitives(container, pieces), strict=True):
         material = container.item("materials", primitive["material"]) if "material" in primitive else {}
@@ -86,7 +86,7 @@ def _primitives(container: GlbContainer, pieces: Sequence[PlacedPrimitive]) -> l
 
 
 def _appearance(container: GlbContainer, pieces: Sequence[PlacedPrimitive]) -> Appearance | None:
-    """The images outside the file, and the texture if all primitives have the same one; None without materials."""
+    """The images outside the file, and the texture if all primitives have the same one, or None without materials."""
     tree = container.tree
     if not tree.get("materials"):
         return None
@@ -257,7 +257,7 @@ class PlacedPrimitive:
         return self.start + len(self.rows["POSITION"])
 
     def layout(self, semantic: str) -> tuple[int, np.dtype[Any]] | None:
-        """The width and the dtype of an attribute; None if it is missing."""
+        """The width and the dtype of an attribute, or None if it is missing."""
         return (self.rows[semantic].shape[1], self.rows[semantic].dtype) if semantic in self.rows else None
 
     def decoded(self, semantic: str) -> Float[np.ndarray, "n k"]:

@@ -32,12 +32,12 @@ class GlbContainer:
     """The JSON of a glTF file and its binary buffer, read from and written to by accessors."""
 
     tree: Json  # the JSON
-    views: list[bytes | None]  # of each buffer view; None where they are not in the file, or compressed
+    views: list[bytes | None]  # of each buffer view, or None where they are not in the file, or compressed
     chunks: bytes = b""  # the chunks after the binary one, as they are
 
     @classmethod
     def read(cls, data: bytes) -> GlbContainer:
-        """Opens a file; raises a MeshFileError if it is not binary glTF 2, incomplete, or has malformed JSON."""
+        """Opens a file. Raises a MeshFileError if it is not binary glTF 2, incomplete, or has malformed JSON."""
         tree, binary, chunks = _chunks(data)
         container = cls(tree=tree, views=[], chunks=chunks)
         for name in LISTS:
@@ -56,7 +56,7 @@ class GlbContainer:
         return container
 
     def item(self, name: str, number: Any) -> Json:
-        """An entry of one of the JSON's lists; raises a MeshFileError if there is none of that number."""
+        """An entry of one of the JSON's lists. Raises a MeshFileError if there is none of that number."""
         items: list[Json] = self.tree.get(name, [])
         if type(number) is not int or not 0 <= number < len(items):
             raise malformed("JSON", f"refers to number {number} of its {len(items)} {name}")
@@ -79,7 +79,7 @@ class GlbContainer:
         return struct.pack("<4sII", b"glTF", 2, 12 + len(body) + len(self.chunks)) + body + self.chunks
 
     def values(self, accessor: int) -> np.ndarray:
-        """The rows of an accessor, (n, k), in the file's dtype; raises a MeshFileError if they are not in the file."""
+        """The rows of an accessor, (n, k), in the file's dtype. Raises a MeshFileError if they are not in the file."""
         item = self.item("accessors", accessor)
         dtype: np.dtype[Any] = np.dtype(COMPONENTS[item["componentType"]])
         count, width, offset = item["count"], WIDTHS[item["type"]], item.get("byteOffset", 0)

@@ -251,7 +251,7 @@ class MeshFile(Shown):
         return [*notes, *named.notes, f"the materials and textures are left out: {reason}"], {}, None
 
     def textured(self) -> tuple[Texture, Float[np.ndarray, "f 3 2"]] | None:
-        """The only texture, and its coordinates at the corners of the triangles of `mesh`; None without a texture.
+        """The only texture, and its coordinates at the corners of the triangles of `mesh`, or None without a texture.
 
         Raises a MeshFileError if there are several, or an image was not read.
         """
@@ -353,7 +353,7 @@ def _count_of_positions(contents: FileContents) -> int:
 
 
 def encoded(contents: FileContents, suffix: str) -> bytes:
-    """The bytes of a new file of a format; raises as `MeshFile.write`."""
+    """The bytes of a new file of a format. Raises as `MeshFile.write`."""
     if not FORMATS[suffix].holds_nan:
         finite = with_finite_rows(contents.vertices, contents.polygons.corners)
         contents = replace(contents, vertices=finite)
@@ -402,7 +402,7 @@ def mesh_of_contents(contents: FileContents, suffix: str, *, path: Path | None =
 
 
 def contents_of_bytes(data: bytes, suffix: str) -> FileContents:
-    """The contents of a file; a MeshFileError if it is malformed or empty."""
+    """The contents of a file. Raises a MeshFileError if it is malformed or empty."""
     if not data:
         raise malformed("", "is empty")
     return FORMATS[suffix].read(data)
@@ -444,7 +444,7 @@ class MeshFileAdapter:
     types = ("spinor_geom.MeshFile", "pathlib.PurePath", "builtins.str")
 
     def to_mesh(self, obj: MeshFile | str | os.PathLike[str]) -> TriangleMesh:
-        """The triangles of the file; raises a MeshFileError if it is missing or malformed."""
+        """The triangles of the file. Raises a MeshFileError if it is missing or malformed."""
         return _opened(obj).mesh
 
     def extend(self, obj: Any, extension: MeshExtension) -> MeshFile:
@@ -456,7 +456,7 @@ class MeshFileAdapter:
         return _opened(obj).merged(within)
 
     def textured(self, obj: Any, largest: int) -> Textured | None:
-        """The only texture of the file; raises as `MeshFile.textured` and `Texture.pixels`."""
+        """The only texture of the file. Raises as `MeshFile.textured` and `Texture.pixels`."""
         found = _opened(obj).textured()
         return None if found is None else (found[0].pixels(largest), found[1])
 
@@ -466,7 +466,7 @@ def _opened(obj: MeshFile | str | os.PathLike[str]) -> MeshFile:
 
 
 def known_suffix(path: Path) -> str:
-    """The suffix of a file in lower case; raises as `read_mesh` if its format or library is unknown or missing."""
+    """The suffix of a file in lower case. Raises as `read_mesh` if its format or library is unknown or missing."""
     suffix = path.suffix.lower()
     if suffix not in FORMATS:
         problem = f"'{path.suffix}' is not a supported format"

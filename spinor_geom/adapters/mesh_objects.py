@@ -38,7 +38,7 @@ class Open3DAdapter:
     types = ("open3d.TriangleMesh",)
 
     def to_mesh(self, obj: Any) -> TriangleMesh:
-        """The triangles; raises a MeshShapeError if the mesh is one of tensors."""
+        """The triangles. Raises a MeshShapeError if the mesh is one of tensors."""
         return without_seams(self._triangles(obj))
 
     def textured(self, obj: Any, largest: int) -> Textured | None:
@@ -192,7 +192,7 @@ class MeshSetAdapter:
     types = ("pymeshlab.MeshSet",)
 
     def to_mesh(self, obj: pymeshlab.MeshSet) -> TriangleMesh:
-        """The triangles of the current mesh; raises a MeshShapeError if the set holds none."""
+        """The triangles of the current mesh. Raises a MeshShapeError if the set holds none."""
         mesh = self._current(obj)
         return TriangleMesh(mesh.vertex_matrix(), mesh.face_matrix(), vertex_attributes=self._arrays(mesh))
 

@@ -145,7 +145,7 @@ class _Reader:
         return self.names.setdefault("/".join(filter(None, (self.of_object, self.of_group))), len(self.names))
 
     def contents(self, data: bytes, newline: str, ending: int) -> FileContents:
-        """The whole file; a MeshFileError if there are no vertices, or an index is out of range.
+        """The whole file. Raises a MeshFileError if there are no vertices, or an index is out of range.
 
         When the file is extended, `ending` line breaks are written after `data`, its bytes.
         """
@@ -276,7 +276,7 @@ class _Block:
         return np.array(convert_words(words, real_numbers, error), dtype=np.float64).reshape(len(sizes), count)
 
     def corners(self, key: bytes, counts: dict[bytes, int]) -> Int[np.ndarray, "n 3"]:
-        """The indices (position, texture, normal) from 0 of all corners on the lines; −1 where one is not given.
+        """The indices (position, texture, normal) from 0 of all corners on the lines, or −1 where one is not given.
 
         `counts` has the numbers of lines in the blocks before this one. A position before the first vertex is returned
         as in the file, less 1, for the error message.
@@ -300,7 +300,7 @@ class _Block:
 
 
 def _uniform_corners(text: bytes, count: int) -> Int[np.ndarray, "{count} 3"] | None:
-    """Corners as in the file, 0 where an index is not given; None unless all are valid and have the same form."""
+    """Corners as in the file, 0 where an index is not given, or None unless all are valid and have the same form."""
     # the form of a corner is the number of its slashes, if nothing else is left without its digits
     marks = text.translate(None, b"-0123456789").split()
     slashes = len(marks[0]) if marks else 0
@@ -332,7 +332,7 @@ def _any_corners(words: Sequence[bytes]) -> list[list[int]]:
 def _index_of_each_vertex(
     positions: Int[np.ndarray, " n"], others: Int[np.ndarray, " n"], vertices: int, count: int
 ) -> Int[np.ndarray, " {vertices}"] | None:
-    """The texture or normal index of each vertex, −1 in no face; None if a vertex has several, or a corner none."""
+    """The texture or normal index of each vertex, −1 in no face, or None if a vertex has several, or a corner none."""
     if len(others) == 0 or (others < 0).any() or (others >= count).any():
         return None
     own = np.full(vertices, -1, dtype=np.int64)

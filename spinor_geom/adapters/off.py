@@ -95,7 +95,7 @@ def _header(text: bytes) -> tuple[tuple[bytes | None, ...], Element, Element]:
 
 
 def _reflowed(words: list[bytes], vertices: int, faces: int) -> tuple[list[list[bytes]], list[list[bytes]]] | None:
-    """The words of vertices of three numbers and of faces without colours, whatever the line breaks; else None."""
+    """The words of vertices of three numbers and of faces without colours, whatever the line breaks, else None."""
     for rest in (words[1:], words):
         starts = list(range(0, 3 * vertices, 3)) if 3 * vertices <= len(rest) else []
         stop = 3 * len(starts)
@@ -109,7 +109,7 @@ def _reflowed(words: list[bytes], vertices: int, faces: int) -> tuple[list[list[
 
 
 def _names(keyword: tuple[bytes | None, ...], width: int) -> tuple[str, ...]:
-    """The names of the numbers of a vertex, by the keyword and by how many they are; () if these do not fit."""
+    """The names of the numbers of a vertex, by the keyword and by how many they are, or () if these do not fit."""
     has_uv, has_color, has_normal = map(bool, keyword or (None,) * 3)
     rest = width - 3 - 3 * has_normal - 2 * has_uv
     has_color = has_color or (rest in (3, 4) and not has_uv)  # many programs write colours under the plain keyword

@@ -39,7 +39,7 @@ class PyVistaAdapter:
     types = ("pyvista.PolyData", "pyvista.UnstructuredGrid")
 
     def to_mesh(self, obj: Mesh) -> TriangleMesh:
-        """The triangles, quads split, closed along seams; raises a MeshShapeError for cells of other types."""
+        """The triangles, quads split, closed along seams. Raises a MeshShapeError for cells of other types."""
         vertices = as_float64(np.asarray(obj.points))
         return without_seams(triangles_of(vertices, polygons_of(obj).triangulated(vertices)[0], _arrays(obj)))
 
@@ -92,7 +92,7 @@ class PyVistaAdapter:
 
 
 def polygons_of(mesh: Mesh) -> Polygons:
-    """The faces of a mesh, with undivided quads and polygons; raises as `PyVistaAdapter.to_mesh`."""
+    """The faces of a mesh, with undivided quads and polygons. Raises as `PyVistaAdapter.to_mesh`."""
     import pyvista
 
     if isinstance(mesh, pyvista.UnstructuredGrid):

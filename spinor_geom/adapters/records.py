@@ -25,7 +25,7 @@ class Property(NamedTuple):
 
     name: str
     dtype: np.dtype[Any]
-    count_dtype: np.dtype[Any] | None = None  # of a list's length; None for a number
+    count_dtype: np.dtype[Any] | None = None  # of a list's length, or None for a number
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -42,7 +42,7 @@ class Element:
     lengths: Mapping[str, Int[np.ndarray, " _"]] = field(default_factory=dict)  # of lists
 
     def line(self, record: int) -> str:
-        """The line of a record, as "line 12"; "" where it is not known."""
+        """The line of a record, as "line 12", or "" where it is not known."""
         return f"line {self.lines[record]}" if self.lines else ""
 
 
@@ -101,7 +101,7 @@ def _tables(
 
 
 def read_binary(data: bytes, position: int, element: Element) -> Element:
-    """An element with the records that begin at byte `position`; raises a MeshFileError if the file ends too early."""
+    """An element with the records that begin at byte `position`. Raises a MeshFileError if the file ends too early."""
     records = _equal_records(data, position, element)
     if records is None:
         return _ragged_records(data, position, element)
@@ -112,7 +112,7 @@ def read_binary(data: bytes, position: int, element: Element) -> Element:
 
 
 def _equal_records(data: bytes, position: int, element: Element) -> np.ndarray | None:
-    """The records as a structured array; None unless all are there, with lists as long as those of the first one."""
+    """The records as a structured array, or None unless all are there, with lists as long as those of the first one."""
     fields: list[tuple[Any, ...]] = []
     lengths: dict[str, Any] = {}
     offset = position
@@ -197,7 +197,7 @@ def split_rows(
 
 
 def parse_rows(rows: list[list[bytes]], element: Element) -> Element:
-    """An element with the records in rows of words; raises a MeshFileError with the first line that cannot be read."""
+    """An element with the records in rows of words. Raises a MeshFileError with the first line that cannot be read."""
     try:
         return _of_words(rows, element)
     except (ValueError, OverflowError) as error:

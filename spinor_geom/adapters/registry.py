@@ -28,7 +28,7 @@ class Adapter(Protocol):
         """
 
     def to_mesh(self, obj: Any) -> TriangleMesh:
-        """The triangles of `obj`, with all its vertices in their order; raises a MeshError for invalid arrays."""
+        """The triangles of `obj`, with all its vertices in their order. Raises a MeshError for invalid arrays."""
 
     def extend(self, obj: Any, extension: MeshExtension) -> Any:
         """A new object of the type of `obj`: the contents of `obj`, unchanged, followed by the extension.
@@ -116,7 +116,7 @@ def merged(obj: Any, within: Within) -> Any:
 
 
 def textured(obj: Any, largest: int) -> Textured | None:
-    """The only texture of a mesh; None if it has none, or the adapter of its type does not know.
+    """The only texture of a mesh, or None if it has none, or the adapter of its type does not know.
 
     Raises:
         UnknownMeshTypeError: as for `to_mesh`.

@@ -101,7 +101,7 @@ class _Package:
         self.objects(self.root)
 
     def _root(self) -> str:
-        """The name of the first model part by the relationships of the package; "" where they do not name one."""
+        """The name of the first model part by the relationships of the package, or "" where they do not name one."""
         targets: list[str] = []
 
         def start(name: str, attributes: dict[str, str]) -> None:
@@ -122,7 +122,7 @@ class _Package:
             raise malformed(part, f"cannot be unpacked ({error})") from error
 
     def objects(self, part: str) -> dict[str, _Object]:
-        """The objects of a model part by their ids; none if the package has no such part."""
+        """The objects of a model part by their ids, none if the package has no such part."""
         if part not in self.parts:
             self.parts[part] = {}
             if part in self._entries:
@@ -215,7 +215,7 @@ class _Package:
 
 
 def _parse(part: str, data: bytes, start: Callable[[str, dict[str, str]], None]) -> None:
-    """Calls `start` with the name and the attributes of each XML element; raises a MeshFileError for malformed XML."""
+    """Calls `start` with the name and the attributes of each XML element. Raises a MeshFileError for malformed XML."""
 
     def refuse(*_: object) -> None:
         raise malformed(part, "has a document type definition, which 3MF forbids", "do not use it")

@@ -193,7 +193,7 @@ class SceneAdapter:
         return _MESHES.textured(obj.geometry[parts[0].geometry], largest) if len(parts) == 1 else None
 
     def extend(self, obj: trimesh.Scene, extension: MeshExtension) -> trimesh.Scene:
-        """A new `Scene` whose geometries are extended; raises a MeshShapeError for faces that join two of them."""
+        """A new `Scene` whose geometries are extended. Raises a MeshShapeError for faces that join two of them."""
         parts = _parts(obj)
         extended = obj.copy()
         old = sum(len(part.mesh.vertices) for part in parts)

@@ -46,7 +46,7 @@ def append_attributes(arrays: Mapping[str, Any], extension: MeshExtension, *, ve
 
 
 def attribute_rows(extension: MeshExtension, name: str, width: int) -> Float[np.ndarray, "k {width}"]:
-    """An attribute of an extension that the mesh has `width` columns of; raises a MeshShapeError if it has not."""
+    """An attribute of an extension that the mesh has `width` columns of. Raises a MeshShapeError if it has not."""
     if name not in extension.vertex_attributes:
         raise MeshShapeError(f"the extension lacks the vertex attribute {name!r} that the mesh has; give its values")
     rows = extension.vertex_attributes[name]

@@ -74,7 +74,7 @@ class Cells:
 
 
 def numbers_of(words: list[bytes], dtype: np.dtype[Any], place: str) -> Shaped[np.ndarray, " n"]:
-    """Words as numbers; a MeshFileError if one is not a number, or too large for integers of this type."""
+    """Words as numbers. Raises a MeshFileError if one is not a number, or too large for integers of this type."""
     try:
         with np.errstate(over="ignore"):  # too large real numbers are infinite
             return np.array(real_numbers(words) if dtype.kind == "f" else list(map(int, words)), dtype=dtype)
@@ -123,7 +123,7 @@ class VtkMesh:
     field_data: Data
 
     def to_pyvista(self) -> pyvista.PolyData | pyvista.UnstructuredGrid:
-        """The same mesh in PyVista; a MeshFileError if an array has the wrong number of values."""
+        """The same mesh in PyVista. Raises a MeshFileError if an array has the wrong number of values."""
         import pyvista
 
         counts = {"POINT_DATA": len(self.points), "CELL_DATA": sum(map(len, self.cells.values()))}

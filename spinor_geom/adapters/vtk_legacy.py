@@ -48,7 +48,7 @@ WORD = re.compile(rb"\S+")
 
 
 def read_legacy(data: bytes) -> VtkMesh:
-    """The mesh in a legacy file; a MeshFileError names the section that cannot be read."""
+    """The mesh in a legacy file. A MeshFileError names the section that cannot be read."""
     text = _Text(data)
     header, _, encoding = text.line(), text.line(), text.word()
     version = re.match(rb"# vtk DataFile Version (\d+)", header, re.IGNORECASE)
@@ -141,7 +141,7 @@ class _Text:
         return match[0] if match else b""
 
     def word(self) -> str:
-        """The next word in capitals; "" at the end."""
+        """The next word in capitals, or "" at the end."""
         return self._next()[:200].decode("latin-1").upper()
 
     def name(self) -> str:

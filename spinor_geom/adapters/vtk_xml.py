@@ -258,7 +258,7 @@ class _Encoded:
         return position + (size if self.is_raw else 4 * -(-size // 3))
 
     def part(self, position: int, size: int) -> bytes:
-        """The `size` bytes that begin at a position; a ValueError if the text ends too early."""
+        """The `size` bytes that begin at a position. Raises a ValueError if the text ends too early."""
         text = self.text[position : self.after(position, size)]
         found = text if self.is_raw else binascii.a2b_base64(text)[:size]
         if len(found) < size:

@@ -144,10 +144,10 @@ def batch(
         compare: also compares each surface with a discrete minimal surface.
         pictures: draws each filled mesh while the batch runs, and writes a page with its loops and a scene to turn.
             The page of the batch shows the pictures, each with a link to its page.
-        workers: processes that solve on this machine; by default one for each core that this process may use.
+        workers: processes that solve on this machine, by default one for each core that this process may use.
         scheduler: a Dask cluster to use instead: the address of its scheduler, the cluster, or a client, whose TLS
             settings are used. All machines must see inputs and output under the same names.
-        device: the torch device of the batched linear algebra, such as "cuda"; None for the CPU, without torch.
+        device: the torch device of the batched linear algebra, such as "cuda", or None for the CPU, without torch.
             Results are reproducible byte for byte on the CPU only.
         resume: continues the run in the output folder with the files that are not complete.
         memory_limit: of each process that solves, and of the one that lists archives, in bytes.
@@ -236,7 +236,7 @@ class _Run:
                 self._count(summary)
 
     def solve(self, pool: Workers, sources: Iterator[Source]) -> None:
-        """Solves the sources, block by block; BatchError if nothing can be written or the cluster is gone."""
+        """Solves the sources, block by block. Raises BatchError if nothing can be written or the cluster is gone."""
         again: deque[list[Source]] = deque()
         blocks = _blocks(sources, self.counts, pool)
         running: dict[Future[dict[str, Any]], list[Source]] = {}

@@ -21,7 +21,7 @@ CURVE_FORMATS = ("obj", "npz")
 
 @dataclass(frozen=True, kw_only=True)
 class BatchOptions(Choice, PatchOptions):
-    """The options of `batch` that its results depend on; raises OptionError."""
+    """The options of `batch` that its results depend on. Raises OptionError."""
 
     what: What = "fill"
     format: str | None = None

@@ -75,7 +75,7 @@ class Store:
     token: str  # identifies the run; it is in run.json too, and a later run in the folder replaces it there
 
     def folder(self, key: str) -> Path:
-        """The folder of a source's results; BatchError if a link leads out of the output folder."""
+        """The folder of a source's results. Raises BatchError if a link leads out of the output folder."""
         folder = Path(self.output, RESULTS, key)
         if not Path(os.path.realpath(folder)).is_relative_to(os.path.realpath(self.output)):
             raise BatchError(f"{folder}: is a link to outside the output folder; remove the link")

@@ -199,7 +199,7 @@ def _figure(loop: dict[str, Any]) -> str:
 
 
 def _mesh_figure(mesh: dict[str, Any]) -> str:
-    """The picture of a filled mesh with a link to its page; else the outline of its first loop."""
+    """The picture of a filled mesh with a link to its page, else the outline of its first loop."""
     folder = quote(f"{RESULTS}/{mesh['key']}")
     shown = _outline(mesh)
     if mesh["picture"]:

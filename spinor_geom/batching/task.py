@@ -41,17 +41,17 @@ class FileTask:
 
     Attributes:
         source: where it was read from.
-        filling: its holes; None if it has no faces, or `problem` says why they cannot be filled.
+        filling: its holes, or None if it has no faces, or `problem` says why they cannot be filled.
         hole_names: the object and group of each hole, "" where there are none.
         curves: the curves of an OBJ file.
         problem: why its faces cannot be used, if its curves can.
         rims: the holes to solve, in order.
         curve_loops: the curves to solve, in order.
-        result: the fill, after `results`; None if no mesh was filled.
+        result: the fill, after `results`, or None if no mesh was filled.
     """
 
     def __init__(self, data: bytes, source: Source, options: BatchOptions, fill_options: FillOptions) -> None:
-        """Reads the file and finds its loops; raises the SpinorGeomError of `fill_hole` if there is nothing to do."""
+        """Reads the file and finds its loops. Raises the SpinorGeomError of `fill_hole` if there is nothing to do."""
         self.source, self._options, self._fill_options, self._clock = source, options, fill_options, Clock()
         suffix = known_suffix(Path(source.member or source.path))
         if options.format not in (None, "npz"):
@@ -205,7 +205,7 @@ class FileTask:
 
 
 def _hole_names(filling: Filling, mesh: MeshFile) -> Iterator[str]:
-    """The most frequent name of the faces at each hole; "" without names, or if merging removed faces."""
+    """The most frequent name of the faces at each hole, or "" without names, or if merging removed faces."""
     names, of_polygons = mesh.contents.names, mesh.contents.polygon_names
     for loop in filling.loops:
         if of_polygons is None or len(names) < 2 or len(of_polygons) != len(mesh.polygons):

@@ -51,7 +51,7 @@ class CutOut:
     vertices: Float[np.ndarray, "n 3"]  # of the whole mesh
     faces: Int[np.ndarray, "f 3"]  # of the removed piece
     kept: Int[np.ndarray, " v"]  # ids in the whole mesh of the vertices of the hole's mesh
-    exact: Distances | None = None  # from the known surface; None for scans
+    exact: Distances | None = None  # from the known surface, or None for scans
 
     @cached_property
     def diameter(self) -> float:

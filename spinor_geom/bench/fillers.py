@@ -77,7 +77,7 @@ class Filled:
     vertices: Float[np.ndarray, "n 3"]
     faces: Int[np.ndarray, "f 3"]
     message: str = ""  # the call's result as text
-    succeeded: bool | None = None  # as the tool reports; None if it reports nothing
+    succeeded: bool | None = None  # as the tool reports, or None if it reports nothing
     area: float | None = None  # of the surface that the patches approximate, if there is one
     in_order: bool = False  # whether the input's vertices come first, in their order, perhaps moved
     figures: Mapping[str, Any] = field(default_factory=dict)  # further figures of our fillers

@@ -159,7 +159,7 @@ def save_views(filled: Filled, cut_out: CutOut, folder: Path, method: str) -> No
 def rim_bend(
     vertices: Float[np.ndarray, "n 3"], patch: Int[np.ndarray, "p 3"], rest: Int[np.ndarray, "f 3"]
 ) -> float | None:
-    """RMS angle, in radians and by length, between patch and mesh along their common edges; None without any."""
+    """RMS angle, in radians and by length, between patch and mesh along their common edges, or None without any."""
     half = HalfEdges.of(np.concatenate([patch, rest]))
     across = np.flatnonzero(half.twin[: 3 * len(patch)] >= 3 * len(patch))
     if not len(across):

@@ -186,7 +186,7 @@ def crossings(record: Record) -> int:
 
 
 def at_most(suite: str, case: str, text: str, values: Sequence[float], limit: float) -> Iterator[Promise]:
-    """The promise that no value exceeds a limit; nothing without values."""
+    """The promise that no value exceeds a limit, and nothing without values."""
     if values:
         measured = "not measured" if math.isnan(max(values)) else f"{max(values):.3g}"
         measured += f" at most, {median(values):.3g} in the median" if len(values) > 1 else ""
@@ -194,7 +194,7 @@ def at_most(suite: str, case: str, text: str, values: Sequence[float], limit: fl
 
 
 def share(suite: str, case: str, text: str, met: Sequence[bool], least: float = 1.0) -> Iterator[Promise]:
-    """The promise that at least a share of the records meets a condition; nothing without records."""
+    """The promise that at least a share of the records meets a condition, and nothing without records."""
     if met:
         text += "" if least == 1 else f", at least {least:.0%}"
         yield Promise(suite, case, text, f"{sum(met)} of {len(met)}", sum(met) >= least * len(met))

@@ -174,7 +174,7 @@ def suite_table(suite: str, records: Iterable[Record]) -> Table:
 
 
 def left_open(record: Record) -> str:
-    """The number of open edges, with ! unless the tool reports a failure; empty if there are none."""
+    """The number of open edges, with ! unless the tool reports a failure, empty if there are none."""
     left = record["open_rim_edges"] + record["new_open_edges"]
     return f"{left} open{'' if record['succeeded'] is False else ' !'}" if left else ""
 

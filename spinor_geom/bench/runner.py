@@ -62,7 +62,7 @@ class Suite:
     cases: Callable[[Settings], Iterable[str]]
     methods: Iterable[str]
     quick: Callable[[Sequence[str]], Iterable[str]] = lambda cases: cases  # selects the cases of the short run
-    repeat: int | None = 0  # calls after the first one; None for the number in the settings
+    repeat: int | None = 0  # calls after the first one, or None for the number in the settings
     points: Callable[[Settings, str, str], Iterable[int | None]] = lambda *_: (None,)  # of loops, by method and case
 
 

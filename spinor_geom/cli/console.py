@@ -132,7 +132,7 @@ class ProgressBar:
 
 @contextmanager
 def progress(label: str) -> Iterator[ProgressBar]:
-    """A progress bar on standard error while the context is open; nothing without a terminal."""
+    """A progress bar on standard error while the context is open, and nothing without a terminal."""
     console = Console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), _Count(), TimeElapsedColumn())
     with Progress(*columns, console=console, disable=not console.is_terminal, transient=True) as bar:

@@ -38,7 +38,7 @@ _SAME = ("bridge", "islands", "keep_largest", "max_perimeter", "tolerance", "tim
 
 
 def run(arguments: argparse.Namespace) -> ExitStatus:
-    """Fills the holes and writes all outputs or none; raises an error before solving if one cannot be written."""
+    """Fills the holes and writes all outputs or none. Raises an error before solving if one cannot be written."""
     if arguments.picture is not None:
         require("pyvista", extra="render")
     if arguments.html is not None:
@@ -99,7 +99,7 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
 
 
 def _choice(arguments: argparse.Namespace) -> tuple[LoopChoice, LoopContinuity]:
-    """The loops to fill, and the continuity of each; raises an OptionError for a loop with two of them."""
+    """The loops to fill, and the continuity of each. Raises an OptionError for a loop with two of them."""
     film, smooth = arguments.film or (), arguments.smooth or ()
     if twice := sorted({*film} & {*smooth}):
         raise OptionError(f"loop {twice[0]} is in --film and in --smooth; name it in one of them")

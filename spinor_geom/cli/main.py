@@ -27,7 +27,7 @@ _UNUSABLE = "2: invalid arguments or input, or a file cannot be written"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Runs the command line (`argv` without the program's name; by default `sys.argv`) and returns the exit status."""
+    """Runs the command line (`argv` without the program's name, by default `sys.argv`) and returns the exit status."""
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:  # closed by the shell; the next opened file would get its descriptor
             setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115 - open until the end

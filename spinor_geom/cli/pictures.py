@@ -26,7 +26,7 @@ _SIZE = (1024, 768)  # of a window
 
 
 def run(arguments: argparse.Namespace) -> ExitStatus:
-    """Runs `view`, `render` or `morph`; raises an error before computing if the output cannot be written."""
+    """Runs `view`, `render` or `morph`. Raises an error before computing if the output cannot be written."""
     {"view": _view, "render": _render, "morph": _morph}[arguments.command](arguments)
     return ExitStatus.DONE
 

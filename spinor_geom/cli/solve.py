@@ -26,7 +26,7 @@ _LEAST_GAP = 1e-9  # smallest reported gap between edges, per length of the curv
 
 
 def run(arguments: argparse.Namespace) -> ExitStatus:
-    """Solves Plateau's problem and writes the patches; raises an error before solving if the file cannot be written."""
+    """Solves Plateau's problem and writes the patches. Raises an error before solving if the file cannot be written."""
     is_mesh = arguments.output.suffix.lower() in MESH_SUFFIXES
     if is_mesh:
         known_suffix(arguments.output)

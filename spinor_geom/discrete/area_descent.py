@@ -34,7 +34,7 @@ class Disk:
 
 
 def harmonic_extension(laplacian: csc_array, boundary: Float[np.ndarray, "m k"]) -> Float[np.ndarray, "n k"]:
-    """Values at all vertices, given at the first m and harmonic at the others; raises as `factor_symmetric`."""
+    """Values at all vertices, given at the first m and harmonic at the others. Raises as `factor_symmetric`."""
     m = len(boundary)
     if laplacian.shape[0] == m:
         return np.array(boundary)
@@ -44,7 +44,7 @@ def harmonic_extension(laplacian: csc_array, boundary: Float[np.ndarray, "m k"])
 
 
 def descend_from_plane(plane: PlaneTriangulation, boundary: Vertices, *, relative_change: float) -> Disk:
-    """`descend_area` from the harmonic map of a plane mesh to points in space; raises as `factor_symmetric`."""
+    """`descend_area` from the harmonic map of a plane mesh to points in space. Raises as `factor_symmetric`."""
     mapped = harmonic_extension(mollified_laplacian(plane_coordinates(plane.points), plane.faces), boundary)
     return descend_area(mapped, plane.faces, len(boundary), relative_change=relative_change)
 

@@ -68,7 +68,7 @@ class FlattestTriangulation:
             self._charges[last - first - 2][first, middle - first - 1] = charge
 
     def triangles(self) -> Int[np.ndarray, "t 3"] | None:
-        """The triangulation; None if every triangulation contains a forbidden edge."""
+        """The triangulation, or None if every triangulation contains a forbidden edge."""
         n, best, best_behind = len(self._split), self._best, self._best_behind
         steps = zip(self._normals, self._areas, self._limits, self._charges, strict=True)
         for d, (normals, own_areas, limits, own_charges) in enumerate(steps, start=2):

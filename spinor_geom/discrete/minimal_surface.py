@@ -56,7 +56,7 @@ class DiscreteMinimalSurface(Shown):
         area: total area of the triangles.
         area_history: total area after each step of the last descent.
         converged: whether the area became stationary for motions along the vertex normals, to `relative_change`.
-        reason: why it did not converge, or the fallback that was used, in one sentence; else empty.
+        reason: why it did not converge, or the fallback that was used, in one sentence, else empty.
         method: the `method` argument.
         seconds: wall time.
         is_complete: false if a limit on time or on vertices makes the triangles larger than asked for.
@@ -272,7 +272,7 @@ def _or_flat(
 def _descended(
     domain: Complex[np.ndarray, " m"], size: SizeField, points: Float[np.ndarray, "m 3"], relative_change: float
 ) -> tuple[PlaneTriangulation, Disk]:
-    """A triangulated plane domain, and the disk of stationary area over it; raises as `descend_from_plane`."""
+    """A triangulated plane domain, and the disk of stationary area over it. Raises as `descend_from_plane`."""
     plane = triangulate_polygon(domain, size, seconds=seconds_left())
     return plane, descend_from_plane(plane, points, relative_change=relative_change)
 

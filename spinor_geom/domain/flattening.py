@@ -165,7 +165,7 @@ def flatten_boundary(
     saws: bool = False,
     drawn: Drawn | None = None,
 ) -> Flattening:
-    """`flatten` from the edge lengths, the turning angles at u = 0 and the operator Λ; raises the same errors.
+    """`flatten` from the edge lengths, the turning angles at u = 0 and the operator Λ. Raises the same errors.
 
     A gap below the clearance, in local edge lengths, is accepted if no larger one is found. With `saws`, the term u·Λu
     is left out: the boundary then has fewer notches, but may zigzag from vertex to vertex; the caller must smooth it.
@@ -345,7 +345,7 @@ def smoothing(edge: PerVertex, width: float) -> tuple[Float[np.ndarray, "m r"], 
 
 
 def lay_out(edge: PerVertex, turning: PerVertex, log_scale: PerVertex) -> Complex[np.ndarray, " m"] | None:
-    """Closed polygon of given turning angles with edge lengths nearest to e^u·edge; None if there is none."""
+    """Closed polygon of given turning angles with edge lengths nearest to e^u·edge, or None if there is none."""
     length = edge * np.exp((log_scale + shifted(log_scale, -1)) / 2)
     direction = cis(turning.cumsum() - turning[0])  # edge j runs after the turns at vertices 1 … j
     # the changes of the lengths minimise the sum of their squares per length

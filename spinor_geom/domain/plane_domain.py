@@ -199,7 +199,7 @@ class PlaneDomain:
     @classmethod
     @lru_cache(maxsize=16)
     def disk(cls, radius: float = 1.0, n: int = 64) -> PlaneDomain:
-        """The disk |z| < radius with `n` boundary vertices; raises an OptionError unless radius > 0 and n ≥ 3."""
+        """The disk |z| < radius with `n` boundary vertices. Raises an OptionError unless radius > 0 and n ≥ 3."""
         if not radius > 0 or n < 3:
             raise OptionError(f"a disk needs a positive radius and at least 3 vertices, got {radius} and {n}")
         return cls.inside(FourierBoundary.circle(radius, n))
@@ -220,7 +220,7 @@ class PlaneDomain:
 
     @classmethod
     def from_boundary(cls, vertices: Vertices, corners: Bool[np.ndarray, " m"] | None = None) -> PlaneDomain:
-        """The domain inside the spline through vertices, counter-clockwise; raises the errors of `inside`."""
+        """The domain inside the spline through vertices, counter-clockwise. Raises the errors of `inside`."""
         return cls.inside(SplineBoundary.through(vertices, corners))
 
     @classmethod
@@ -278,11 +278,11 @@ class PlaneDomain:
         return shared(np.concatenate([np.stack([t[:-1], t[1:]], axis=1) for t in ends]))
 
     def point(self, t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
-        """Points of ∂Ω; raises an OptionError for a parameter outside all boundaries."""
+        """Points of ∂Ω. Raises an OptionError for a parameter outside all boundaries."""
         return self._on_boundaries("point", t)
 
     def derivative(self, t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
-        """dz/dt at points of ∂Ω; raises an OptionError for a parameter outside all boundaries."""
+        """dz/dt at points of ∂Ω. Raises an OptionError for a parameter outside all boundaries."""
         return self._on_boundaries("derivative", t)
 
     def _on_boundaries(self, method: str, t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:

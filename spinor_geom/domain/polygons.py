@@ -79,7 +79,7 @@ def bound_domain(rims: tuple[Complex[np.ndarray, "_"], ...]) -> bool:
 
 
 def untangled(polygon: Complex[np.ndarray, " m"]) -> Complex[np.ndarray, " m"] | None:
-    """The polygon with its small self-crossing lobes removed; None if distant parts cross or a lobe remains.
+    """The polygon with its small self-crossing lobes removed, or None if distant parts cross or a lobe remains.
 
     The vertices of each lobe are moved towards the chord that closes it until nothing crosses. Flattened rims of ragged
     scans have such lobes.

@@ -84,7 +84,7 @@ def triangulate_polygon(
 
     Args:
         boundary: the polygon, counter-clockwise.
-        size: wanted edge lengths, in units of the polygon; by default those of `SizeField()`.
+        size: wanted edge lengths, in units of the polygon, by default those of `SizeField()`.
         holes: polygons inside, clockwise, which are left out.
         seeds: inner points to start from; those outside or too near to the boundary are omitted, and points along the
             boundary are added. By default a lattice with the largest wanted size as spacing.

@@ -82,7 +82,7 @@ class Experiment:
 
 
 def with_checkpoint(name: str, options: RMSprop) -> RMSprop:
-    """The options with the checkpoint NAME.pt in the folder `options.checkpoint`; unchanged if that is None."""
+    """The options with the checkpoint NAME.pt in the folder `options.checkpoint`, unchanged if that is None."""
     if options.checkpoint is None:
         return options
     return replace(options, checkpoint=Path(options.checkpoint) / f"{name.replace(' ', '-')}.pt")
@@ -163,7 +163,7 @@ def _run(name: str, one: Experiment, folder: Path, quick: bool) -> Results:
 
 
 def _finished(path: Path) -> dict[str, Any]:
-    """The results of an earlier run; empty if they are not complete."""
+    """The results of an earlier run, empty if they are not complete."""
     try:
         found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         files = [path.with_name(f"{name}{suffix}") for name in found["pictures"] for suffix in _SUFFIXES]

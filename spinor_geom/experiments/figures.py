@@ -62,7 +62,7 @@ def surfaces(
 ) -> Figure:
     """Pictures of surfaces by title, `across` in a row, with a colour bar for the first field of each.
 
-    `curves` has Γ(t) for each, on which its boundary should lie; drawn in red. Raises as `drawn`.
+    `curves` has Γ(t) for each, on which its boundary should lie, drawn in red. Raises as `drawn`.
     """
     scenes = []
     for title, portrait in portraits.items():

@@ -122,7 +122,7 @@ def _compare(curve: KnownCurve, rmsprop: RMSprop, options: LevenbergMarquardt, *
 
 
 def branch_points(surface: SpinorSurface | WeierstrassSurface) -> tuple[BranchPoint, ...] | None:
-    """The branch points in Ω; None if one is too close to ∂Ω to count them."""
+    """The branch points in Ω, or None if one is too close to ∂Ω to count them."""
     try:
         return surface.branch_points()
     except (UnplacedZerosError, ZeroOnContourError):

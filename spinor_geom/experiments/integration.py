@@ -105,7 +105,7 @@ def heat_maps(*, grid: tuple[int, int], steps: int, network: LevenbergMarquardt)
 
 
 def fitted_slope(steps: Sequence[int], errors: Sequence[float], floor: float) -> float:
-    """Slope of log(error) against log(steps), for errors above a floor; NaN for fewer than two such errors."""
+    """Slope of log(error) against log(steps), for errors above a floor, NaN for fewer than two such errors."""
     above = [(n, e) for n, e in zip(steps, errors, strict=True) if e > floor]
     if len(above) < 2:
         return float("nan")
@@ -125,7 +125,7 @@ def surface_size(surface: SpinorSurface) -> float:
 
 
 def radial_mean_curvature(surface: SpinorSurface, z: Complex[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts"]:
-    """H of the positions by the surface's quadrature rule on the ray from 0 to each point; NaN at branch points."""
+    """H of the positions by the surface's quadrature rule on the ray from 0 to each point, NaN at branch points."""
     end = torch.tensor(z, device=surface.spinor_map.device).reshape(-1)
     with torch.no_grad():
         mean = mean_curvature_of_integrals(surface.integrate, torch.zeros_like(end), end, order=surface.order)

@@ -80,7 +80,7 @@ def minimal_area(
 
 
 def as_rims(points: Any) -> tuple[Tensor, ...]:
-    """The tensors of the rims; raises an OptionError for other arguments."""
+    """The tensors of the rims. Raises an OptionError for other arguments."""
     rims = (points,) if isinstance(points, Tensor) else tuple(points)
     for rim in rims:
         if not isinstance(rim, Tensor) or not rim.is_floating_point():

@@ -92,7 +92,7 @@ class SlideAdjoint:
 
     @property
     def _circles(self) -> CircularDomain | None:
-        """Ω; None for the unit disk."""
+        """Ω, or None for the unit disk."""
         model = self.solution.array_surface.at(NUMPY).model
         return model.circles if isinstance(model, LaurentSeries) else None
 

@@ -78,7 +78,7 @@ class CircularDomain:
 
     @cached_property
     def gaps(self) -> Float[Array, "m m"]:
-        """Largest |ζ_j| on circle i, entry (i, j): 1 where the circles touch, more where they cross; 0 for i = j."""
+        """Largest |ζ_j| on circle i, entry (i, j): 1 where the circles touch, more where they cross, or 0 for i = j."""
         c, r, xp = self.centres, self.radii, self._xp
         far = abs(c[:, None] - c)
         gaps = place_of(r).put(np.zeros((self.rims, self.rims)))

@@ -15,7 +15,7 @@ _KINDS = {"real numbers": ("fiu", np.float64), "integers": ("iu", np.int64), "bo
 def frozen(
     values: ArrayLike, kind: Literal["real numbers", "integers", "booleans"], *shape: int | None, name: str
 ) -> np.ndarray:
-    """A read-only C-contiguous copy of an array, as float64, int64 or bool; raises a MeshShapeError if that fails.
+    """A read-only C-contiguous copy of an array, as float64, int64 or bool. Raises a MeshShapeError if that fails.
 
     None in `shape` allows any length. With None as first length an empty array of any shape is accepted, with None as
     second length a one-dimensional array becomes one column. Integers are accepted as real numbers.
@@ -49,7 +49,7 @@ def shared(array: np.ndarray) -> np.ndarray:
 
 
 def freeze_points(points: ArrayLike, *, name: str) -> Float[np.ndarray, "n 3"]:
-    """A read-only float64 copy of (n, 3) coordinates; raises a MeshShapeError or a NonFiniteVertexError."""
+    """A read-only float64 copy of (n, 3) coordinates. Raises a MeshShapeError or a NonFiniteVertexError."""
     copy = frozen(points, "real numbers", None, 3, name=name)
     finite = np.isfinite(copy).all(axis=1)
     if not finite.all():

@@ -42,15 +42,15 @@ class BoundaryLoop:
         points: (M, 3) float64, in mesh units.
         vertex_ids: (M,) int64 indices of the points in the mesh; 0 to M − 1 without a mesh.
         corners: (M,) bool, where the curve through the points has a kink.
-        corners_given: whether the caller named the corners; False if `detect_corners` found them.
+        corners_given: whether the caller named the corners, or False if `detect_corners` found them.
         slit_fraction: share of the perimeter, 0 to 1, on edges that coincide with an oppositely directed edge of the
             same loop; 1 is a slit of zero width.
         seam_edges: (k, 2) int64 vertex ids, from and to, of the edges that coincide with an edge of another loop.
         seam_distance: the largest distance between the two sides of slits and seams, in mesh units.
         junctions: (k, 3) int64 vertex ids of T-junctions of this loop: a vertex, and the two ends of the boundary edge
             on which the vertex and one of its own edges lie.
-        beside: (3,) mean position of the mesh's vertices opposite the loop's edges; None without a mesh.
-        obstacle: the error that prevents joining a patch to the mesh along the loop; None if a patch can be joined.
+        beside: (3,) mean position of the mesh's vertices opposite the loop's edges, or None without a mesh.
+        obstacle: the error that prevents joining a patch to the mesh along the loop, or None if a patch can be joined.
         remarks: inconsistencies of the faces that touch the loop, one sentence each.
 
     Raises:

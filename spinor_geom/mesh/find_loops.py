@@ -309,7 +309,7 @@ class _FaceDefects:
         count = int(faces.max()) + 1
         self._at_degenerate = referenced_vertices(faces[sheets.degenerate], vertices=count)
         self._is_copied = referenced_vertices(sheets.copies[:, :1], vertices=len(faces))
-        # the non-manifold edge of each half-edge, and one at each vertex; −1 for none
+        # the non-manifold edge of each half-edge, and one at each vertex, or −1 for none
         edges = np.repeat(np.where(half_edges.counts > 2, np.arange(len(half_edges.counts)), -1), half_edges.counts)
         self._nonmanifold_of, self._nonmanifold_at = np.empty_like(edges), np.full(count, -1, dtype=np.int64)
         self._nonmanifold_of[half_edges.order] = edges
@@ -318,7 +318,7 @@ class _FaceDefects:
             self._nonmanifold_at[ends[nonmanifold]] = self._nonmanifold_of[nonmanifold]
 
     def obstacle(self, half_edges: Int[np.ndarray, " m"]) -> MeshError | None:
-        """The error of the first non-manifold edge of a loop, where no patch can be joined; None without one."""
+        """The error of the first non-manifold edge of a loop, where no patch can be joined, or None without one."""
         edges = self._nonmanifold_of[half_edges]
         return self._nonmanifold_edge(int(edges[np.argmax(edges >= 0)])) if (edges >= 0).any() else None
 

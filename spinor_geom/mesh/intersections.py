@@ -106,7 +106,7 @@ def is_graph(vertices: Points, faces: Faces, boundary_size: int) -> bool:
 
 
 def loop_crossings(points: Chain) -> Pairs:
-    """Pairs i < j, sorted, of edges of a closed polygon (M, 3) that cross or touch; none for a simple polygon.
+    """Pairs i < j, sorted, of edges of a closed polygon (M, 3) that cross or touch, none for a simple polygon.
 
     Edge i runs from point i to point i + 1 (mod M). Edges without a common point meet if their distance is at most
     1e-12 of the diagonal, adjacent edges if the polygon folds back onto itself.
@@ -227,7 +227,7 @@ def _overlap_in_plane(f: Triangles, g: Triangles) -> Bool[np.ndarray, " k"]:
 
 
 def _has_separating_side(f: Float[np.ndarray, "k 3 2"], g: Float[np.ndarray, "k 3 2"]) -> Bool[np.ndarray, " k"]:
-    """Whether a side of a plane triangle f separates it from g; True if f has no area."""
+    """Whether a side of a plane triangle f separates it from g, or True if f has no area."""
     turn = _turn(f[:, 0], f[:, 1], f[:, 2])
     separates = turn == 0
     for start in range(3):

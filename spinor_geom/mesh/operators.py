@@ -144,7 +144,7 @@ def face_areas(vertices: Vertices, faces: Faces) -> Float[np.ndarray, " f"]:
 
 
 def vertex_normals(vertices: Float[np.ndarray, "v 3"], faces: Faces) -> Float[np.ndarray, "v 3"]:
-    """Unit normals at the vertices, (V, 3): the mean of the faces' normals weighted by area; 0 where they cancel."""
+    """Unit normals at the vertices, (V, 3): the mean of the faces' normals weighted by area, or 0 where they cancel."""
     by_area = igl.PER_VERTEX_NORMALS_WEIGHTING_TYPE_AREA
     return np.asarray(np.nan_to_num(igl.per_vertex_normals(*igl_arrays(vertices, faces), by_area)))
 
@@ -202,7 +202,7 @@ class Bending:
 
     @classmethod
     def of(cls, vertices: Float[np.ndarray, "n 3"], faces: Faces) -> Bending:
-        """The bending of a mesh; 0 at unused vertices."""
+        """The bending of a mesh, which is 0 at unused vertices."""
         n, f = len(vertices), len(faces)
         matrix = _room(n, n + 6 * f)
         areas, normals, curvature = np.empty(n), np.empty((n, 3)), np.empty(n)
@@ -258,12 +258,12 @@ def radii_of_curvature(vertices: Float[np.ndarray, "n 3"], faces: Faces) -> Floa
 
 
 def face_normals(vertices: Float[np.ndarray, "n 3"], faces: Faces) -> Float[np.ndarray, "f 3"]:
-    """Unit normals of faces; 0 for one without area."""
+    """Unit normals of faces, or 0 for one without area."""
     return np.asarray(igl.per_face_normals(*igl_arrays(vertices, faces), np.zeros(3)))
 
 
 def crossing_angles(half_edges: HalfEdges, vertices: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " h"]:
-    """Angle between the normals of the faces of each half-edge and its twin, in radians; 0 without a twin."""
+    """Angle between the normals of the faces of each half-edge and its twin, in radians, or 0 without a twin."""
     normals = face_normals(vertices, half_edges.origin.reshape(-1, 3))
     here, there = np.arange(len(half_edges.origin)) // 3, half_edges.twin // 3
     sine = np.linalg.norm(np.cross(normals[here], normals[there]), axis=1)

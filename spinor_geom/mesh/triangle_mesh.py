@@ -32,7 +32,7 @@ class TriangleMesh(Shown):
         vertices: (V, 3) float64 positions, in mesh units.
         faces: (F, 3) int64 vertex indices.
         vertex_attributes: (V, k) float64 values by name ("color", "normal", ...), in the source's own scale.
-        labels: names of the attributes that are class labels, which must not be averaged; by default all integer
+        labels: names of the attributes that are class labels, which must not be averaged, by default all integer
             attributes except colours.
 
     Raises:
@@ -70,7 +70,7 @@ class TriangleMesh(Shown):
 
     @property
     def extents(self) -> tuple[float, ...]:
-        """The lengths of the sides of the bounding box, in mesh units; 0 without vertices."""
+        """The lengths of the sides of the bounding box, in mesh units, or 0 without vertices."""
         return box_sides(self.vertices)
 
     def merged(self, within: Within = 0.0) -> tuple[TriangleMesh, Int[np.ndarray, " v"]]:
@@ -154,7 +154,7 @@ def require_faces(mesh: TriangleMesh) -> None:
 
 
 def box_sides(points: Float[np.ndarray, "n 3"]) -> tuple[float, ...]:
-    """The lengths of the sides of the bounding box of the finite points; 0 without any."""
+    """The lengths of the sides of the bounding box of the finite points, or 0 without any."""
     if len(wrong := nonfinite_rows(points)):
         points = np.delete(points, wrong, axis=0)
     with np.errstate(over="ignore"):  # the difference of two finite numbers may be infinite

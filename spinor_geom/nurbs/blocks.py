@@ -93,7 +93,7 @@ class Blocks:
     ) -> Complex[np.ndarray, "n m"]:
         """Points of a quadrilateral at all pairs of parameters in [0, 1]: u along its first side, v away from it.
 
-        `first` has the points of its first side at u; None for a straight one.
+        `first` has the points of its first side at u, or None for a straight one.
         """
         a, b, c, d = self.points[self.quads[quad]]
         side = a + u * (b - a) if first is None else first

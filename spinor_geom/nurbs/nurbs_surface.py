@@ -79,8 +79,8 @@ class NurbsSurface:
         patches: counter-clockwise about the normal of the surface.
         seams: the sides that two patches share.
         rims: for each loop of the solution, the sides on it, given by patch and side, in the direction of the surface's
-            boundary; none where `trims` are given.
-        trims: of a plane surface, whose one patch is a rectangle around it: the splines of each rim; else none.
+            boundary, none where `trims` are given.
+        trims: of a plane surface, whose one patch is a rectangle around it: the splines of each rim, else none.
         deviations: measured.
         tolerance: given to `to_nurbs`, relative to `deviations.diagonal`.
         converged: whether the patches and the displacement of the rims are within the tolerance, and the solution has
@@ -150,7 +150,7 @@ class NurbsSurface:
         return tuple(tuple(curve if side < 2 else curve.reversed() for curve, side in rim) for rim in sides)
 
     def shell(self, *, unit: Unit = "mm") -> Any:
-        """The patches as a sewn shell of Open CASCADE, a `TopoDS_Shape` in millimetres; raises as `sewn_shell`.
+        """The patches as a sewn shell of Open CASCADE, a `TopoDS_Shape` in millimetres. Raises as `sewn_shell`.
 
         A plane surface is one plane face, bounded by `trims`.
 
@@ -285,7 +285,7 @@ def _within(solution: PlateauSolution, allowed: float) -> PlateauSolution:
 
 
 def _one_patch(solution: PlateauSolution, rims: Sequence[Rim], allowed: float) -> tuple[QuadMesh, Fit, Sampler] | None:
-    """One patch over a curve with 2 to 4 corners; None if it would be folded or is not near enough.
+    """One patch over a curve with 2 to 4 corners, or None if it would be folded or is not near enough.
 
     At the time limit it is kept as it is.
     """
@@ -382,7 +382,7 @@ def largest_angle(
     seams: Sequence[Seam],
     parameters: Sequence[tuple[Float[np.ndarray, " _"], Float[np.ndarray, " _"]]],
 ) -> float:
-    """The largest angle between normals on both sides of a seam, in degrees; 0 without seams.
+    """The largest angle between normals on both sides of a seam, in degrees, or 0 without seams.
 
     For each patch `parameters` are those of the points on its sides, along u and along v.
     """

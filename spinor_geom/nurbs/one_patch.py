@@ -37,7 +37,7 @@ class OnePatch:
 
     @classmethod
     def of(cls, surface: ArraySurface, rims: Sequence[Rim]) -> OnePatch | None:
-        """The quadrilateral; None if it would be folded, or the surface has not one curve with 2 to 4 corners."""
+        """The quadrilateral, or None if it would be folded, or the surface has not one curve with 2 to 4 corners."""
         if len(rims) > 1 or not 2 <= len(rims[0].corners) <= 4:
             return None
         (rim,) = rims

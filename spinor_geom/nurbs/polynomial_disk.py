@@ -36,7 +36,7 @@ class PolynomialDisk:
 
     @classmethod
     def of(cls, surface: ArraySurface) -> PolynomialDisk | None:
-        """A surface in this form; None unless p and q are polynomials on a disk."""
+        """A surface in this form, or None unless p and q are polynomials on a disk."""
         model = getattr(surface.model, "untracked", surface.model)  # modules of torch hold arrays
         disk = _disk(surface.domain)
         if not isinstance(model, PowerSeries) or disk is None:
@@ -84,7 +84,7 @@ class PolynomialDisk:
 
 
 def _disk(domain: PlaneDomain) -> tuple[complex, complex] | None:
-    """Centre and scale of a disk; None for other domains."""
+    """Centre and scale of a disk, or None for other domains."""
     boundary = domain.boundary
     if domain.holes or not isinstance(boundary, FourierBoundary):
         return None

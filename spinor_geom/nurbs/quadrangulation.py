@@ -49,7 +49,7 @@ def sides_of(
 
 
 def quadrangulated(z: Complex[np.ndarray, " m"], sides: Int[np.ndarray, "s 2"]) -> Int[np.ndarray, "q 4"] | None:
-    """Convex quadrilaterals that fill a polygon, with the least total cost; None if none do.
+    """Convex quadrilaterals that fill a polygon, with the least total cost, or None if none do.
 
     The corners z are counter-clockwise; equal points may occur twice. `sides` has the pairs of corners that a side may
     connect; the corners between them are skipped. The cost of a quadrilateral is the largest 1/sin of its angles. The

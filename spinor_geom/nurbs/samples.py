@@ -196,7 +196,7 @@ class Samples:
 
     @cached_property
     def _polynomials(self) -> QuadPolynomials | None:
-        """∫ φ dz on the quadrilaterals of a disk with a smooth boundary; None for other surfaces."""
+        """∫ φ dz on the quadrilaterals of a disk with a smooth boundary, or None for other surfaces."""
         primitive = self.rims[0].primitive
         if len(self.rims) > 1 or not isinstance(primitive, SmoothPrimitive):
             return None

@@ -32,7 +32,7 @@ class SmoothPrimitive:
 
     @classmethod
     def along(cls, boundary: FourierBoundary, phi: NullCurve, accuracy: float) -> SmoothPrimitive | None:
-        """The integral of φ with as many nodes as the accuracy needs; None if `_MOST` are too few."""
+        """The integral of φ with as many nodes as the accuracy needs, or None if `_MOST` are too few."""
         n = _FEWEST
         while n <= _MOST:
             if n > 2 * len(boundary.coefficients):

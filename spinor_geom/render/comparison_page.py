@@ -24,7 +24,7 @@ def comparison_page(
 ) -> str:
     """A page in one file with a table and a view of both meshes for each comparison, by name, such as "loop 0".
 
-    The page is returned, and written to `path`; raises an OptionError for another suffix than .html,
+    The page is returned, and written to `path`. Raises an OptionError for another suffix than .html,
     and an OSError if the file cannot be written.
     """
     if path is not None:

@@ -57,7 +57,7 @@ def patch_labels(result: FillResult) -> list[Label]:
 
 
 def up_of(result: FillResult) -> Literal["y", "z"]:
-    """The axis that is upwards in the file that was filled; y if the mesh is from no file."""
+    """The axis that is upwards in the file that was filled, or y if the mesh is from no file."""
     return up_axis(result.mesh.path if isinstance(result.mesh, MeshFile) else None)
 
 
@@ -83,7 +83,7 @@ def loops_scene(
 
 
 def skin_of(source: object, mesh: TriangleMesh) -> dict[str, Any]:
-    """The texture of a mesh, or the colours of its vertices, as `skin` and `image` of `Faces`; empty without colours.
+    """The texture of a mesh, or the colours of its vertices, as `skin` and `image` of `Faces`, empty without colours.
 
     The triangles of `mesh` are the first ones of `source`, a mesh of any type. Warns of a texture that is not shown.
     """
@@ -126,7 +126,7 @@ def mesh_layers(
 
 
 def shown_loop(outcomes: Sequence[LoopOutcome]) -> BoundaryLoop | None:
-    """The filled loop of largest area, else the longest loop; None for a closed mesh."""
+    """The filled loop of largest area, else the longest loop, or None for a closed mesh."""
     filled = [outcome for outcome in outcomes if outcome.filled]
     if filled:
         return max(filled, key=lambda outcome: outcome.area or 0.0).loop

@@ -178,7 +178,7 @@ def loop_views(outcome: LoopOutcome) -> LoopViews:
 
 
 def _poles(surface: ArraySurface) -> Complex[np.ndarray, " k"]:
-    """The poles of a Cauchy network or interpolant; empty for other models."""
+    """The poles of a Cauchy network or interpolant, empty for other models."""
     model = surface.model
     if isinstance(model, CauchyNetwork):
         return to_numpy(model.poles)
@@ -188,7 +188,7 @@ def _poles(surface: ArraySurface) -> Complex[np.ndarray, " k"]:
 
 
 def _zeros(surface: ArraySurface) -> list[Complex[np.ndarray, " _"]]:
-    """The zeros of p and of q in Ω; empty if p or q has zeros on ∂Ω, as on a plane, or zeros were not located."""
+    """The zeros of p and of q in Ω, empty if p or q has zeros on ∂Ω, as on a plane, or zeros were not located."""
     try:
         return [np.array([zero.z for zero in zeros], dtype=np.complex128) for zeros in surface.spinor_zeros()]
     except (UnplacedZerosError, ZeroOnContourError):

@@ -76,7 +76,7 @@ def table(
 class Table:
     """A table of text; cells may be bold, with Markdown's `**` around them."""
 
-    title: str = ""  # The heading; none if empty
+    title: str = ""  # The heading, none if empty
     columns: Sequence[str]  # The column names
     rows: Sequence[Sequence[str]]  # One text for each column
     note: str = ""  # A paragraph below the heading
@@ -115,7 +115,7 @@ def folded(title: str, *parts: str, is_open: bool = False) -> str:
 
 
 def cell(value: Any, digits: int = 4) -> str:
-    """The text of a value in a table; empty for None and NaN."""
+    """The text of a value in a table, empty for None and NaN."""
     if value is None or isinstance(value, bool):
         return {None: "", True: "yes", False: "no"}[value]
     if isinstance(value, float):

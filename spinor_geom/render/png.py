@@ -77,7 +77,7 @@ class Painter:
         self._process = Process(module, own)
 
     def drawn_png(self, scenes: Sequence[Scene], *, size: tuple[int, int], time_limit: float) -> bytes:
-        """A picture of scenes side by side, without their titles; raises as `write_png`."""
+        """A picture of scenes side by side, without their titles. Raises as `write_png`."""
         require("pyvista", extra="render")
         untitled = [replace(scene, title="") for scene in scenes]
         with tempfile.TemporaryDirectory() as folder:
@@ -85,7 +85,7 @@ class Painter:
             return Path(folder, PICTURE.format(0)).read_bytes()
 
     def run(self, *job: Any, time_limit: float, on_event: Send = lambda event: None) -> None:
-        """Passes a job to the process and waits until it is done; raises a RenderError."""
+        """Passes a job to the process and waits until it is done. Raises a RenderError."""
         try:
             with tempfile.TemporaryDirectory() as folder:
                 arguments = Path(folder, "arguments")

@@ -121,14 +121,14 @@ class Scene:
     labels: Sequence[Label] = ()
     scales: Mapping[str, Scale] = field(default_factory=dict)  # by field; the default is `Scale.of` the values
     loop_cameras: Mapping[str, Camera] = field(default_factory=dict)  # by the loop selected in the page's panel
-    panel: bool = False  # whether the view follows the page's panel; else it shows the first field
+    panel: bool = False  # whether the view follows the page's panel, else it shows the first field
     unit: str | None = None  # unit of lengths for a ruler; None: no ruler
     flat: bool = False  # a plane figure: dragging moves it and does not rotate it
     shape: Literal["wide", "square"] = "wide"  # class in page.css
 
     @property
     def colour_scales(self) -> dict[str, Scale]:
-        """The colour scale of each field, the same for all layers; none for a field without finite values."""
+        """The colour scale of each field, the same for all layers, none for a field without finite values."""
         fields = [layer.fields for layer in self.layers if isinstance(layer, Faces)]
         values = {
             name: np.concatenate([own[name] for own in fields if name in own])
@@ -152,7 +152,7 @@ def overview(layers: Sequence[Layer], *, eye: Sequence[float] = EYE, aspect: flo
 
 
 def viridis(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
-    """Colours in sRGB, 0 to 1, of values on their `Scale`; grey for NaN."""
+    """Colours in sRGB, 0 to 1, of values on their `Scale`, grey for NaN."""
     grey, *stops = np.array([[int(c[k : k + 2], 16) / 255 for k in (1, 3, 5)] for c in (UNKNOWN_COLOUR, *VIRIDIS)])
     scale, ends = Scale.of(values), np.linspace(0, 1, len(stops))
     share = np.nan_to_num((values - scale.low) / ((scale.high - scale.low) or 1.0))

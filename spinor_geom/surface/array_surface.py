@@ -120,7 +120,7 @@ class ArraySurface(Shown):
     def position(self, z: Points) -> Points:
         """Positions r(z), shape (*pts, 3).
 
-        The integral is in closed form if the model has one and the rule is "gauss"; else by quadrature along edges of
+        The integral is in closed form if the model has one and the rule is "gauss", else by quadrature along edges of
         the triangulation to a vertex near z, and along the segment to z. Raises DomainError for NaN or infinite z.
         """
         if not _is_tensor(z):
@@ -160,7 +160,7 @@ class ArraySurface(Shown):
         return self._evaluate(_phi, z)
 
     def normal(self, z: Points) -> Points:
-        """Unit normals n = (r_x × r_y)/λ², shape (*pts, 3); NaN at branch points."""
+        """Unit normals n = (r_x × r_y)/λ², shape (*pts, 3), NaN at branch points."""
         return self._evaluate(lambda on, w: formulas.normal(*_pair(on, w)), z)
 
     def conformal_factor(self, z: Points) -> Points:
@@ -176,14 +176,14 @@ class ArraySurface(Shown):
         return self._evaluate(lambda on, w: formulas.second_fundamental_form(*_pair(on, w), *_slopes(on, w)), z)
 
     def gauss_curvature(self, z: Points) -> Points:
-        """K = −4|p′q − pq′|²/λ⁴ in 1/length², shape (*pts); NaN at branch points."""
+        """K = −4|p′q − pq′|²/λ⁴ in 1/length², shape (*pts), NaN at branch points."""
         return self._evaluate(lambda on, w: formulas.gauss_curvature(*_pair(on, w), *_slopes(on, w)), z)
 
     def mean_curvature(self, z: Points) -> Points:
         """H in 1/length, shape (*pts), of the positions that `integrate` gives along segments to the points.
 
         It is 0 up to errors of quadrature and rounding if the model's derivative is that of its values. Positive where
-        the surface bends towards n; NaN at branch points.
+        the surface bends towards n, NaN at branch points.
         """
         return self._evaluate(_mean_curvature, z)
 
@@ -272,7 +272,7 @@ class ArraySurface(Shown):
         """The surface scale·R·r + translation, on a copy of the model.
 
         Args:
-            rotation: R, a (3, 3) rotation matrix; None for the identity.
+            rotation: R, a (3, 3) rotation matrix, or None for the identity.
             scale: a positive factor.
             translation: (3,), in the units of the result.
 

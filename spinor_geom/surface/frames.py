@@ -102,7 +102,7 @@ def _signs(p: Complex[Array, "*batch n"], q: Complex[Array, "*batch n"]) -> Floa
 
 
 def su2_from_rotation(rotation: Float[Array, "3 3"]) -> Complex[Array, "2 2"]:
-    """One of the two U in SU(2) for which φ(U(p, q)) = R φ(p, q), R the rotation; else an OptionError."""
+    """One of the two U in SU(2) for which φ(U(p, q)) = R φ(p, q), R the rotation, else an OptionError."""
     xp = namespace(rotation)
     error = float(abs(rotation @ rotation.mT - place_of(rotation).put(np.eye(3))).max())
     if not error <= _ORTHOGONAL:

@@ -113,7 +113,7 @@ def train_by_levenberg_marquardt(
     Args:
         curve: Γ.
         start: a surface with a boundary near Γ; by default training starts from random parameters on the unit disk.
-        matching: (n, 2), increasing pairs (t, s) of parameters of the ∂Ω of `start` and of Γ; by default s = t.
+        matching: (n, 2), increasing pairs (t, s) of parameters of the ∂Ω of `start` and of Γ, by default s = t.
         options: of the network and the training.
         device: for the linear algebra and the returned surface.
         on_step: called after each step.
@@ -263,7 +263,7 @@ class Distillation:
         return self.linear.kernel()
 
     def step(self, damping: Float[Tensor, " k"]) -> Complex[Tensor, "n 2"]:
-        """The v for which Jᴴ v is the damped step, by one system for p and one for q; NaN if it is indefinite."""
+        """The v for which Jᴴ v is the damped step, by one system for p and one for q, NaN if it is indefinite."""
         return _damped_solution(self._kernel, damping, self._residual.mT).mT
 
 
