@@ -175,11 +175,12 @@ def _axes(points: Float[np.ndarray, "m 3"], beside: Float[np.ndarray, "3"] | Non
     axes = np.zeros((0, 3))
     size = norm(points).max() or 1.0
     for candidates in (points, points[:1] if beside is None else beside[None], size * np.eye(3)):
+        least = _FLAT * max(size, norm(candidates).max())
         rest = candidates - candidates @ axes.T @ axes
         while len(axes) < 3:
             distance = norm(rest)
             far = int(np.argmax(distance >= (1 - _ALIKE) * distance.max()))
-            if not distance[far] > _FLAT * size:
+            if not distance[far] > least:
                 break
             axis = rest[far] / distance[far]
             axis = axis - axis @ axes.T @ axes

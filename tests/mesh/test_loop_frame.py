@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -42,6 +44,14 @@ def test_a_point_beside_decides_where_a_polygon_is_symmetric() -> None:
     for k in range(4):
         place = first_point(np.roll(square, k, axis=0), np.array([0.3, 0.1, -1.0]))[0]
         np.testing.assert_array_equal(np.roll(square, k, axis=0)[place], square[2])
+
+
+@pytest.mark.parametrize("beside", [[0.0, -1e24, 0.0], [1e12, 3e11, 1.0], [0.3, 1e10, 1e-3]])
+def test_axes_are_orthonormal_however_far_the_point_beside_is(beside: list[float]) -> None:
+    t = 2 * np.pi * np.arange(8) / 8 + 1.1
+    loop = BoundaryLoop.from_points(np.column_stack([np.cos(t), np.sin(t), 1 + 0 * t]))
+    axes = LoopFrame.of(dataclasses.replace(loop, beside=np.array(beside))).axes
+    assert abs(axes @ axes.T - np.eye(3)).max() < 1e-14
 
 
 def test_sequences_decide_where_lengths_at_one_point_do_not() -> None:
