@@ -28,10 +28,6 @@ def test_rows_are_shifted_around_closed_curves(shape, by):
     np.testing.assert_array_equal(shifted(torch.from_numpy(x), by), np.roll(x, by, axis=-1))
 
 
-def test_nothing_is_shifted_without_numbers():
-    assert shifted(np.zeros((0, 3)), -1, axis=0).shape == (0, 3)
-
-
 @pytest.mark.parametrize("shape", [(1,), (6,), (2, 5)])
 def test_medians_of_rows(shape):
     x = np.random.default_rng(0).normal(size=shape)

@@ -7,14 +7,11 @@ import importlib
 import pickle
 import pkgutil
 import string
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from spinor_geom import TriangleMesh, boundary_loops, errors
+from spinor_geom import errors
 from spinor_geom.errors import NonFiniteVertexError, SpinorGeomError
 from spinor_geom.isolate import FaultError
 
@@ -65,18 +62,3 @@ def test_the_end_of_a_process_survives() -> None:
     fault = FaultError("its process died", kind="death", last={"reading": "a"}, output="x")
     again = pickle.loads(pickle.dumps(fault))
     assert (str(again), again.kind, again.last, again.output) == ("its process died", "death", {"reading": "a"}, "x")
-
-
-def loops_of(x: float) -> int:
-    vertices = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, x]])
-    return len(boundary_loops(TriangleMesh(vertices, np.array([[0, 1, 2]]))))
-
-
-def test_a_nan_in_a_process_pool_is_one_sentence() -> None:
-    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-        found = [pool.submit(loops_of, x) for x in (np.nan, 0.0)]
-        with pytest.raises(
-            NonFiniteVertexError, match=r"^vertex 2 has a NaN or infinite coordinate and is used by face 0; correct it$"
-        ):
-            found[0].result(timeout=120)
-        assert found[1].result(timeout=120) == 1

@@ -143,11 +143,6 @@ def test_the_memory_is_that_of_the_process_that_works(process: Process, monkeypa
     process.run(job, lambda _: None, seconds=30.0, memory=100 << 20)
 
 
-def test_a_module_that_cannot_be_imported_is_reported(process: Process) -> None:
-    fault = fault_of(Process("no_such_module"), {})
-    assert (fault.kind, "No module named no_such_module" in str(fault)) == ("start", True)
-
-
 def test_a_caller_that_stops_listening_ends_the_process(process: Process) -> None:
     events: list[Event] = []
 

@@ -50,13 +50,6 @@ def test_a_stale_compiled_part_is_an_error_with_its_cure(copy, change):
         kernel.load(copy)
 
 
-def test_a_compiled_part_without_a_function_is_stale(copy, monkeypatch):
-    shutil.rmtree(copy / "cpp")
-    monkeypatch.setitem(kernel.FUNCTIONS, "another", ())
-    with pytest.raises(CompiledPartError, match="other sources"):
-        kernel.load(copy)
-
-
 # of C++, and what a function takes for them
 TYPES = {
     "int64_t": kernel._INTEGER,
@@ -93,12 +86,6 @@ BAD_ARRAYS = {
 def test_checked_arrays_have_their_dtype_shape_and_range(values, message):
     with pytest.raises(OptionError, match=f"places {message}"):
         kernel.checked("places", values, np.float64, None, 3, least=0, most=1)
-
-
-@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, complex(0, np.nan), complex(np.inf, 0)])
-def test_checked_numbers_are_finite_unless_bounds_are_given(value):
-    with pytest.raises(OptionError, match="numbers must be finite, but number"):
-        kernel.checked("numbers", [0, value], np.complex128, None)
 
 
 def test_checked_arrays_are_contiguous_and_not_copied_without_need():

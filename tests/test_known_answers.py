@@ -83,19 +83,6 @@ def test_areas_are_least_energies_of_harmonic_disks(curve, waves, first, place, 
     assert abs(douglas_area(curve, waves, start) / disk.area - 1) < 1e-12
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_random_polynomial_areas_equal_the_double_integral(seed):
-    rng = np.random.default_rng(seed)
-    p, q = rng.normal(size=(2, 5)) + 1j * rng.normal(size=(2, 5))
-    known = gallery.polynomial(p, q)
-    nodes, weights = np.polynomial.legendre.leggauss(24)
-    radius, weight = (nodes + 1) / 2, weights / 2
-    z = radius[:, None] * np.exp(2j * np.pi * np.arange(64) / 64)
-    double = (known.surface.conformal_factor(z) ** 2 * (2 * np.pi / 64) * (radius * weight)[:, None]).sum()
-    assert abs(known.area / double - 1) < 1e-13
-    assert abs(known.surface.area() / double - 1) < 1e-13
-
-
 def test_scherk_areas_equal_the_double_integral():
     nodes, weights = np.polynomial.legendre.leggauss(200)
     for side in (1.0, 2.0, 2.5, 3.0):

@@ -10,10 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from spinor_geom.batching.store import failure
-from spinor_geom.bench.machine import machine
-from spinor_geom.cli.main import main
-from spinor_geom.version import RELEASE, program_version
+from spinor_geom.version import RELEASE
 
 SOURCE = Path(__file__).parents[1] / "spinor_geom" / "version.py"
 
@@ -69,11 +66,3 @@ def test_an_installed_package_reports_its_commit_and_bare_files_the_release(root
     metadata.parent.mkdir()
     metadata.write_text("Metadata-Version: 2.1\nName: spinor-geom\nVersion: 7.0+gabc\n")
     assert version_in(root) == "7.0+gabc"
-
-
-def test_all_outputs_have_the_same_version(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        main(["--version"])
-    assert capsys.readouterr().out == f"spinor-geom {program_version()}\n"
-    assert machine()["versions"]["spinor-geom"] == program_version()
-    assert failure("a", "b")["version"] == program_version()

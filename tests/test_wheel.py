@@ -107,14 +107,6 @@ def test_an_editable_install_finds_the_adapters(source: Path, tmp_path: Path) ->
     assert found == source / "spinor_geom" / "adapters" / "__init__.py"
 
 
-@pytest.mark.skipif(not (ROOT / ".git").exists() or shutil.which("git") is None, reason="not in a clone")
-def test_no_file_is_a_link_that_unzipping_or_windows_loses() -> None:
-    command = ["git", "ls-files", "--format=%(objectmode) %(path)"]
-    files = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout.splitlines()
-    assert "100644 spinor_geom/adapters/__init__.py" in files
-    assert not [file for file in files if file.startswith("120000")]
-
-
 def test_the_wheel_holds_every_module_and_nothing_else(wheel: Path) -> None:
     held = contents(wheel)
     expected = {path.relative_to(ROOT).as_posix() for path in (ROOT / "spinor_geom").rglob("*.py")}
@@ -144,30 +136,6 @@ def requirements(unpacked: Path) -> list[Requirement]:
     return [Requirement(line) for line in metadata.get_all("Requires-Dist") or ()]
 
 
-# the last version of Python with wheels; of those not named, later than 3.15
-LAST = {"cadquery-ocp-novtk": 14, "cgal": 12, "pymeshlab": 13, "torch": 14}
-
-
-@pytest.mark.parametrize("minor", range(10, 16))
-@pytest.mark.parametrize("system", ["linux", "darwin", "win32"])
-def test_nothing_is_asked_for_that_has_no_wheel(unpacked: Path, minor: int, system: str) -> None:
-    def asked(extra: str) -> set[str]:
-        here = {"python_version": f"3.{minor}", "sys_platform": system, "extra": extra}
-        return {one.name for one in requirements(unpacked) if one.marker is None or one.marker.evaluate(here)}
-
-    least = asked("")
-    assert not least & {"torch", "pymeshlab", "pyvista"}
-    extras = {extra: asked(extra) - least for extra in ("cad", "meshlab", "peers", "torch")}
-    packages = set().union(*extras.values())
-    assert {name: name in packages for name in LAST} == {name: minor <= last for name, last in LAST.items()}
-    assert ("open3d-cpu" in packages) == (system == "linux")
-    # the local build is for one version of Python
-    constraint = Requirement((ROOT / "constraints-cpu.txt").read_text(encoding="utf-8").strip())
-    here = {"python_version": f"3.{minor}", "sys_platform": system}
-    assert constraint.marker is not None
-    assert constraint.marker.evaluate(here) == ((minor, system) == (11, "linux"))
-
-
 def test_all_has_the_packages_of_every_feature(unpacked: Path) -> None:
     (info,) = unpacked.glob("*.dist-info")
     metadata = Parser().parsestr((info / "METADATA").read_text(encoding="utf-8"))
@@ -194,17 +162,3 @@ def test_the_wheel_works_away_from_the_source(unpacked: Path, tmp_path: Path) ->
     ]
     assert [line.split("\t")[:2] for line in outputs[0].splitlines()[1:]] == [["0", "3"]]
     assert outputs[1] == "spinor-geom 0.1.0\n"
-
-
-def test_pyvista_finds_the_accessor_of_an_installed_package(unpacked: Path, tmp_path: Path) -> None:
-    program = "import pyvista; print(type(pyvista.Sphere().spinor).__module__)"
-    environment = {**os.environ, "PYTHONPATH": str(unpacked)}
-    process = subprocess.run(
-        [sys.executable, "-c", program], cwd=tmp_path, env=environment, capture_output=True, text=True, check=True
-    )
-    assert process.stdout == "spinor_geom.fill.pyvista_accessor\n"
-
-
-def test_python_in_the_clone_s_root_finds_every_part_of_the_package() -> None:
-    # the root itself is what Python has there, and it hides an installed package
-    assert imported(IMPORT, ROOT) == ROOT / "spinor_geom" / "adapters" / "__init__.py"

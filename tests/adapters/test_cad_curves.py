@@ -16,7 +16,6 @@ from spinor_geom.adapters.open_cascade import write_shape
 from spinor_geom.errors import (
     ArgumentTypeError,
     BranchingEdgesError,
-    CadFileError,
     LoopIndexError,
     NoEdgesError,
     OpenWireError,
@@ -189,12 +188,3 @@ def test_step_files_in_metres_are_read_in_millimetres(tmp_path: Path) -> None:
     (tmp_path / "m.step").write_text(text.replace(".MILLI.,.METRE.", "$,.METRE."))
     (rim,) = to_rims(str(tmp_path / "m.step"))
     assert rim.length == pytest.approx(2000 * np.pi, rel=1e-12)
-
-
-def test_files_without_edges_are_refused(tmp_path: Path) -> None:
-    write_shape(cad.Vertex(0, 0, 0).wrapped, tmp_path / "point.brep")
-    with pytest.raises(NoEdgesError):
-        to_rims(tmp_path / "point.brep")
-    (tmp_path / "text.step").write_text("no STEP file")
-    with pytest.raises(CadFileError, match=r"text\.step"):
-        to_rims(tmp_path / "text.step")

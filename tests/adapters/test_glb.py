@@ -124,27 +124,6 @@ def test_lid_closes_the_cube_in_trimesh_s_eyes_too(tmp_path: Path) -> None:
     assert tree["accessors"][:2] == tree_of(glb_file([CUBE]))["accessors"]
 
 
-def test_normal_seams_are_no_boundary(tmp_path: Path) -> None:
-    file = parsed(glb_file([unwelded()]))
-    assert len(file.mesh.vertices) == 30
-    assert len(boundary_edges(file.mesh.faces)) == 4
-    closed = again(file.extended(lid_over(file.mesh)), tmp_path)
-    assert is_closed(closed.mesh)
-    assert np.array_equal(closed.mesh.vertices[:30], file.mesh.vertices)
-
-
-def test_patch_over_two_materials_goes_to_one_and_copies_the_rim(tmp_path: Path) -> None:
-    halves = [{**CUBE, "indices": FACES[part].reshape(-1, 1).astype(np.uint16)} for part in (slice(0, 3), slice(3, 10))]
-    data = glb_file(halves, materials=[{"name": "a"}, {"name": "b"}])
-    file = parsed(data)
-    assert len(file.mesh.vertices) == 16
-    assert len(boundary_edges(file.mesh.faces)) == 4
-    closed = again(file.extended(lid_over(file.mesh)), tmp_path)
-    assert is_closed(closed.mesh)
-    assert len(closed.mesh.faces) == 14
-    assert tree_of((tmp_path / "again.glb").read_bytes())["materials"] == [{"name": "a"}, {"name": "b"}]
-
-
 @pytest.mark.parametrize("transform", [{}, {"scale": [1, 3, 0.1], "translation": [1, 2, 0.3]}])
 def test_rim_vertices_of_another_material_are_copied_bit_by_bit(tmp_path: Path, transform: dict) -> None:
     random = np.random.default_rng(8)
@@ -164,23 +143,6 @@ def test_rim_vertices_of_another_material_are_copied_bit_by_bit(tmp_path: Path, 
     patch = pieces((tmp_path / "again.glb").read_bytes())[2]
     rows = {tuple(row) for row in normals.tolist()}
     assert all(tuple(row) in rows for row in patch.rows["NORMAL"][:-1].tolist())
-
-
-def test_shared_accessors_of_other_primitives_stay_as_they_are(tmp_path: Path) -> None:
-    data = glb_file([CUBE, CUBE])
-
-    def share(tree: dict) -> None:
-        first, second = tree["meshes"][0]["primitives"]
-        second["attributes"] = first["attributes"]
-        tree["meshes"] = [{"primitives": [first]}, {"primitives": [second]}]
-        tree["nodes"] = [{"mesh": 0}, {"mesh": 1, "translation": [5, 0, 0]}]
-        tree["scenes"] = [{"nodes": [0, 1]}]
-
-    file = parsed(with_tree(data, share))
-    back = again(file.extended(lid()), tmp_path)
-    assert len(back.mesh.vertices) == 8 + 5 + 8
-    assert np.array_equal(back.mesh.vertices[13:], VERTICES + np.array([5, 0, 0]))
-    assert len(boundary_edges(back.mesh.faces)) == 4
 
 
 def test_transformed_nodes_are_read_in_scene_coordinates_and_written_in_their_own(tmp_path: Path) -> None:
@@ -322,12 +284,6 @@ def test_unknown_chunks_are_kept(tmp_path: Path) -> None:
     data = GOOD[:8] + struct.pack("<I", len(GOOD) + len(chunk)) + GOOD[12:] + chunk
     assert is_closed(again(parsed(data).extended(lid()), tmp_path).mesh)
     assert (tmp_path / "again.glb").read_bytes().endswith(chunk)
-
-
-def test_second_texture_set_survives_a_new_file(tmp_path: Path) -> None:
-    second = np.random.default_rng(2).uniform(size=(8, 2)).astype(np.float32)
-    parsed(glb_file([{**CUBE, "TEXCOORD_1": second}])).merged().write(tmp_path / "a.glb")
-    assert np.array_equal(read_mesh(tmp_path / "a.glb").mesh.vertex_attributes["TEXCOORD_1"], second)
 
 
 def test_colours_of_vertices_and_materials_are_linear(tmp_path: Path) -> None:

@@ -57,18 +57,6 @@ def test_circle_has_the_parameter_of_its_angle() -> None:
     assert JoinedSplines.of([full_circle(2.0)]).length == pytest.approx(4 * np.pi, rel=1e-13)
 
 
-def test_polygon_has_a_corner_at_each_vertex_and_straight_sides() -> None:
-    joined = polygon((0, 0, 0), (3, 0, 0), (3, 4, 0))
-    curve = joined.curve()
-    np.testing.assert_allclose(curve.corners, [0, 3 / 12, 7 / 12], atol=1e-15)
-    assert curve.joints == ()
-    assert joined.length == pytest.approx(12)
-    np.testing.assert_allclose(curve.point(np.array([0.125, 10 / 12])), [[1.5, 0, 0], [1.2, 1.6, 0]], atol=1e-14)
-    np.testing.assert_allclose(
-        curve.derivative(np.array(curve.corners)), 12 * np.array([[1, 0, 0], [0, 1, 0], [-0.6, -0.8, 0]])
-    )
-
-
 @pytest.mark.parametrize(("turn", "corners"), [(0.0, 2), (5e-4, 2), (2e-3, 3)])
 def test_small_turns_are_joints(turn: float, corners: int) -> None:
     """Imported edges meet with small angles; those up to SMOOTH_TURN = 1e-3 are no corners."""

@@ -10,12 +10,11 @@ import pyvista
 
 from spinor_geom.adapters import read_mesh
 from spinor_geom.cli.main import main
-from spinor_geom.errors import MeshFileError, MissingPackageError, NonFiniteVertexError
+from spinor_geom.errors import MeshFileError, NonFiniteVertexError
 from spinor_geom.fill.fill_hole import fill_hole
 from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS, is_closed
 from tests.fill.shapes import tube
 
-MESH = Path(__file__).parents[2] / "data" / "trimesh_reference.obj"
 VTK = pytest.mark.parametrize("suffix", [".vtp", ".vtk"])
 
 
@@ -59,13 +58,6 @@ def test_quads_lines_and_names_survive_from_one_format_to_the_other(tmp_path: Pa
     assert np.array_equal(again.mesh.vertex_attributes["uv"], CUBE_POINTS[:, :2])
 
 
-def test_an_unstructured_grid_stays_one(tmp_path: Path) -> None:
-    vertices, faces = tube()
-    pyvista.PolyData.from_regular_faces(vertices, faces).cast_to_unstructured_grid().save(tmp_path / "grid.vtk")
-    fill_hole(tmp_path / "grid.vtk").write(tmp_path / "filled.vtk")
-    assert isinstance(pyvista.read(tmp_path / "filled.vtk"), pyvista.UnstructuredGrid)
-
-
 @VTK
 def test_a_damaged_vtk_file_is_an_error_that_names_it_and_nothing_is_printed(
     tmp_path: Path, suffix: str, capfd: pytest.CaptureFixture[str]
@@ -94,30 +86,6 @@ def test_what_is_no_surface_or_not_finite_is_refused_with_the_file_name(tmp_path
     pyvista.ImageData(dimensions=(2, 2, 2)).save(image)
     with pytest.raises(MeshFileError, match=r"holds '.*', not .*; extract the surface"):
         read_mesh(image.rename(tmp_path / f"image{suffix}"))
-
-
-@pytest.mark.parametrize("offsets", ["0 3 6 900000", "0 -3 6 9", "3 6 9 9"])
-def test_cells_of_a_vtk_file_that_lie_outside_it_are_refused(tmp_path: Path, offsets: str) -> None:
-    head = "# vtk DataFile Version 5.1\nt\nASCII\nDATASET POLYDATA\nPOINTS 4 float\n0 0 0 1 0 0 0 1 0 0 0 1\n"
-    cells = f"POLYGONS 4 9\nOFFSETS vtktypeint64\n{offsets}\nCONNECTIVITY vtktypeint64\n0 1 2 0 1 3 0 2 3\n"
-    (tmp_path / "cells.vtk").write_text(head + cells)
-    with pytest.raises(MeshFileError, match=r"cells\.vtk, POLYGONS: the offsets of the cells"):
-        read_mesh(tmp_path / "cells.vtk")
-
-
-@pytest.mark.parametrize(("suffix", "package"), [(".vtp", "pyvista"), (".vtk", "pyvista")])
-def test_a_library_that_is_missing_is_named_with_what_installs_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], suffix: str, package: str
-) -> None:
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None if name == package else object())
-    path = tmp_path / f"a{suffix}"
-    path.write_bytes(b"a")
-    with pytest.raises(MissingPackageError, match=rf"{package} is not installed.*'\.\[formats\]'"):
-        read_mesh(path)
-    # before anything is solved
-    monkeypatch.setattr("spinor_geom.cli.fill.fill_hole", None)
-    assert main(["fill", str(MESH), "-o", str(tmp_path / f"b{suffix}")]) == 2
-    assert f"{package} is not installed" in capsys.readouterr().err
 
 
 NAMED = {"H\u00f6he": (".ply",), "Temp": (), "temp": (".glb",), "a b": (), "a_b": (), "\u540d": (".ply",)}

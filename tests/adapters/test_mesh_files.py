@@ -8,14 +8,12 @@ import pytest
 import pyvista
 import trimesh
 
-from spinor_geom.adapters import MeshFile, read_mesh, to_mesh
+from spinor_geom.adapters import MeshFile, read_mesh
 from spinor_geom.adapters.mesh_files import FORMATS
 from spinor_geom.errors import MeshFileError, MeshShapeError, NonFiniteVertexError, VertexIndexError
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.mesh.topology import boundary_edges
-from spinor_geom.mesh.triangle_mesh import TriangleMesh
-from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS, glb_file, is_closed, lid, lid_for, nothing, open_cube
-from tests.fill.shapes import obj_text
+from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS, is_closed, lid, lid_for, nothing, open_cube
 
 SUFFIXES = [".obj", ".ply", ".stl", ".off", ".glb"]
 
@@ -110,17 +108,6 @@ def test_merged_closes_a_soup_and_keeps_polygons_and_curves(tmp_path: Path) -> N
     assert "mtllib" not in (tmp_path / "merged.obj").read_text()
 
 
-def test_seams_of_a_glb_are_closed_with_texture_kept_in_obj(tmp_path: Path) -> None:
-    vertices, faces = open_cube(np.float32)
-    corners = vertices[faces].reshape(-1, 3)
-    texture = np.random.default_rng(3).uniform(size=(30, 2)).astype(np.float32)
-    (tmp_path / "a.glb").write_bytes(glb_file([{"POSITION": corners, "TEXCOORD_0": texture}]))
-    read_mesh(tmp_path / "a.glb").write(tmp_path / "a.obj")
-    assert len(boundary_edges(read_mesh(tmp_path / "a.obj").mesh.faces)) == 4
-    lines = [line.split()[1:] for line in (tmp_path / "a.obj").read_text().splitlines() if line.startswith("vt")]
-    assert np.array_equal(np.array(lines, dtype=float), texture * [1.0, -1.0] + [0.0, 1.0])
-
-
 def test_attributes_go_from_obj_to_glb_as_far_as_the_format_allows(tmp_path: Path) -> None:
     random = np.random.default_rng(4)
     uv, normals = random.uniform(size=(8, 2)), random.normal(size=(8, 3))
@@ -160,26 +147,19 @@ def test_failed_writing_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.
     assert sorted(entry.name for entry in tmp_path.iterdir()) == ["cube.obj", "target.ply"]
 
 
-def test_files_that_cannot_be_opened_are_named_with_the_reason(tmp_path: Path) -> None:
-    with pytest.raises(MeshFileError, match=r"missing\.obj: cannot be read \(No such file") as caught:
-        read_mesh(tmp_path / "missing.obj")
-    assert caught.value.fields["path"] == tmp_path / "missing.obj"
+@pytest.mark.parametrize("name", ["missing.obj", "folder.obj", "mesh", "mesh.obj.gz"])
+def test_files_that_cannot_be_read_are_named(tmp_path: Path, name: str) -> None:
     (tmp_path / "folder.obj").mkdir()
-    with pytest.raises(MeshFileError, match="folder"):
-        read_mesh(tmp_path / "folder.obj")
-    for name in ("mesh.fbx", "mesh", "mesh.obj.gz"):
-        with pytest.raises(
-            MeshFileError, match=r"not a supported format; use one of \.obj, \.ply, \.stl, \.off, \.glb"
-        ):
-            read_mesh(tmp_path / name)
+    with pytest.raises(MeshFileError) as caught:
+        read_mesh(tmp_path / name)
+    assert caught.value.fields["path"] == tmp_path / name
 
 
-def test_unwritable_paths_are_named_with_the_reason(tmp_path: Path) -> None:
-    file = read_mesh(cube_file(tmp_path))
-    with pytest.raises(MeshFileError, match="not a supported format"):
-        file.write(tmp_path / "a.step")
-    with pytest.raises(MeshFileError, match="cannot be written"):
-        file.write(tmp_path / "missing" / "a.obj")
+@pytest.mark.parametrize("name", ["a.step", "missing/a.obj"])
+def test_files_that_cannot_be_written_are_named(tmp_path: Path, name: str) -> None:
+    with pytest.raises(MeshFileError) as caught:
+        read_mesh(cube_file(tmp_path)).write(tmp_path / name)
+    assert caught.value.fields["path"] == tmp_path / name
 
 
 def test_extensions_that_do_not_fit_are_refused(tmp_path: Path) -> None:
@@ -190,22 +170,6 @@ def test_extensions_that_do_not_fit_are_refused(tmp_path: Path) -> None:
     wrong = type(lid())(vertices=np.zeros((0, 3)), faces=np.array([[0, 1, 8]]), face_loops=np.array([0]))
     with pytest.raises(VertexIndexError):
         file.extended(wrong)
-
-
-@pytest.mark.parametrize("scale", [1e-300, 1e-30, 1e30, 1e300])
-def test_extreme_sizes_are_exact_in_text_and_refused_where_they_do_not_fit(tmp_path: Path, scale: float) -> None:
-    vertices, faces = open_cube()
-    (tmp_path / "a.obj").write_text(obj_text(vertices * scale, faces))
-    file = read_mesh(tmp_path / "a.obj")
-    for suffix in (".ply", ".off"):
-        file.write(tmp_path / f"b{suffix}")
-        assert np.array_equal(read_mesh(tmp_path / f"b{suffix}").mesh.vertices, vertices * scale)
-    for suffix in (".stl", ".glb"):
-        if 1e-38 < scale < 1e38:
-            file.write(tmp_path / f"b{suffix}")
-        else:
-            with pytest.raises(MeshFileError, match=r"1e\+300 is too large|the 32-bit numbers of"):
-                file.write(tmp_path / f"b{suffix}")
 
 
 @pytest.mark.parametrize("suffix", FORMATS)
@@ -278,21 +242,3 @@ def test_a_vertex_that_is_nan_and_in_a_face_is_refused_with_both(tmp_path: Path,
         NonFiniteVertexError, match=rf"^{place}vertex 3 has a NaN .* and is used by face 2; correct it(\n|$)"
     ):
         MeshFile.of_contents(replace(file.contents, polygons=polygons), path=None)
-
-
-def test_arrays_with_unused_nan_are_filled_in_their_type() -> None:
-    vertices, faces = open_cube()
-    vertices = np.vstack([vertices, [[np.nan, 0, 0]]])
-    mesh = trimesh.Trimesh(vertices, faces, process=False)
-    for obj in (
-        (vertices, faces),
-        mesh,
-        TriangleMesh(vertices, faces),
-        pyvista.PolyData.from_regular_faces(vertices, faces),
-    ):
-        filled, report = fill_hole(obj, return_report=True)
-        assert report.watertight
-        assert report.notes[0] == "vertex 8 has a NaN or infinite coordinate, but no face uses it"
-        assert np.isnan(to_mesh(filled).vertices[8, 0])
-    with pytest.raises(NonFiniteVertexError, match=r"vertex 8 has a NaN .* and is used by face 2"):
-        to_mesh((vertices, np.concatenate([faces[:2], [[0, 8, 1]]])))

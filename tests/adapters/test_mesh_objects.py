@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import meshio
@@ -11,10 +10,8 @@ import pytest
 
 from spinor_geom.adapters import extend, to_mesh
 from spinor_geom.errors import MeshShapeError
-from spinor_geom.fill.fill_hole import fill_hole
 from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS, is_closed, lid, lid_for, nothing, open_cube
 from tests.bench.test_holes import require_peer
-from tests.fill.shapes import tube
 
 
 def test_quads_and_polygons_stay_and_are_closed_by_a_lid() -> None:
@@ -24,21 +21,6 @@ def test_quads_and_polygons_stay_and_are_closed_by_a_lid() -> None:
     assert np.array_equal(closed.cells[0].data, CUBE_QUADS[:3])
     assert closed.cells[1].type == "polygon"
     assert is_closed(to_mesh(closed))
-
-
-@pytest.mark.parametrize("suffix", ["vtu", "vtk", "ply"])
-def test_files_of_meshio_s_formats_are_filled_and_written_back(tmp_path: Path, suffix: str) -> None:
-    vertices, faces = tube()
-    path = tmp_path / f"tube.{suffix}"
-    meshio.Mesh(vertices, [("triangle", faces)], point_data={"height": vertices[:, 2]}).write(path)
-    filled, report = fill_hole(meshio.read(path), return_report=True)
-    assert isinstance(filled, meshio.Mesh)
-    assert report.watertight
-    filled.write(tmp_path / f"filled.{suffix}")
-    again = to_mesh(meshio.read(tmp_path / f"filled.{suffix}"))
-    assert is_closed(again)
-    np.testing.assert_allclose(again.vertices[:48], vertices)
-    np.testing.assert_allclose(again.vertex_attributes["height"][:48, 0], vertices[:, 2])
 
 
 @pytest.fixture(scope="module")
@@ -63,14 +45,6 @@ def test_normals_and_neighbours_of_an_open3d_mesh_are_computed_again(open3d: Any
     assert len(closed.adjacency_list) == 9
     np.testing.assert_allclose(np.linalg.norm(closed.triangle_normals, axis=1), 1)
     assert (np.asarray(closed.triangle_normals)[10:, 2] > 0.5).all()
-
-
-def test_colours_stay_between_0_and_1(open3d: Any) -> None:
-    cube = made(open3d, *open_cube())
-    cube.paint_uniform_color([1.0, 0.5, 0.0])
-    assert to_mesh(cube).vertex_attributes["color"][0].tolist() == [1.0, 0.5, 0.0]
-    closed = extend(cube, lid(color=np.array([[1.2, 0.5, -0.1]])))
-    assert closed.vertex_colors[8].tolist() == [1.0, 0.5, 0.0]
 
 
 def test_a_seam_of_normals_is_no_boundary(open3d: Any) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -108,13 +107,6 @@ def test_a_mistake_has_its_line_in_every_block(monkeypatch: pytest.MonkeyPatch) 
     assert "line 38: has a zero byte" in str(read(text[:300] + "\0"))
 
 
-def test_vertices_may_follow_the_faces_that_use_them(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(obj, "BLOCK_SIZE", 8)
-    text = read("f 1 2 3\nl 1 2\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf -1 -2 -3\n")
-    assert isinstance(text, FileContents)
-    assert text.polygons.rows() == [[0, 1, 2], [2, 1, 0]]
-
-
 def test_objects_and_groups_name_what_follows() -> None:
     vertices = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
     faces = "f 1 2 3\ng a b\nf 1 2 3\no c\nf 1 2 3\ng d\nf 1 2 3\n"
@@ -128,16 +120,3 @@ def test_a_line_without_end_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(obj, "BLOCK_SIZE", 1 << 10)
     monkeypatch.setattr(obj, "LONGEST_LINE", 1 << 14)
     assert "a line of more than" in str(read("v 0 0 0\n" + "l" + " 1" * (1 << 14)))
-
-
-def test_the_words_of_a_large_file_are_never_in_memory_together(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(obj, "BLOCK_SIZE", 1 << 17)
-
-    data = b"v 0.1234567 0.7654321 0.55555\n" * 20_000
-    tracemalloc.start()
-    text = read_obj(data)
-    _, peak = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    assert len(text.vertices) == 20_000
-    # numbers take 0.5 MB and are joined once, copies of the text 1.2 MB; words and lines would take over 7 MB
-    assert peak < 5 << 20

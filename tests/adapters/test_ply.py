@@ -1,19 +1,15 @@
 from __future__ import annotations
 
-import struct
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
 from spinor_geom.adapters import MeshFile, read_mesh
 from spinor_geom.adapters.ply import read_ply, read_records
-from spinor_geom.errors import MeshFileError
-from spinor_geom.mesh.triangle_mesh import MeshExtension
 from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS, extensions, is_closed, lid, open_cube, reading
 
 parsed, again = reading(read_ply, ".ply")
@@ -110,14 +106,6 @@ def test_round_trip_keeps_every_property(
         assert np.array_equal(back.mesh.vertex_attributes[name], values), name
 
 
-def test_colors_are_rounded_to_bytes(tmp_path: Path) -> None:
-    extra = {name: ("uchar", np.full(8, 200, dtype="u1")) for name in ("red", "green", "blue", "alpha")}
-    file = parsed(ply("binary_little_endian", CUBE_POINTS, QUADS, extra=extra))
-    assert file.contents.color_scale == 255.0
-    closed = again(file.extended(lid(color=np.array([[0.6, 254.7, -9.0, 999.0]]))), tmp_path)
-    assert closed.mesh.vertex_attributes["color"][8].tolist() == [1, 255, 0, 255]
-
-
 def test_real_colors_of_255_are_recognised_by_any_channel() -> None:
     extra = {name: ("float", np.full(8, value)) for name, value in (("red", 0), ("green", 0), ("blue", 255))}
     assert parsed(ply("ascii", CUBE_POINTS, QUADS, extra=extra)).contents.color_scale == 255.0
@@ -166,16 +154,6 @@ def test_lists_beside_the_corners_are_kept(tmp_path: Path) -> None:
     assert is_closed(closed.mesh)
 
 
-def test_blank_lines_and_old_line_ends_are_read(tmp_path: Path) -> None:
-    data = ply("ascii", CUBE_POINTS, QUADS)
-    spaced = data.replace(b"end_header\n", b"end_header\n\n").replace(b"\n4 ", b"\n\n4 ")
-    assert parsed(spaced).polygons.rows() == QUADS
-    assert is_closed(again(parsed(spaced).extended(lid()), tmp_path).mesh)
-    old = parsed(data.replace(b"\n", b"\r"))
-    assert old.polygons.rows() == QUADS
-    assert is_closed(again(old.extended(lid()), tmp_path).mesh)
-
-
 HEAD = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
 
 
@@ -186,58 +164,15 @@ def test_an_attribute_called_like_a_coordinate_is_written_beside_it(tmp_path: Pa
     assert np.array_equal(back.mesh.vertex_attributes["property_x"], np.ones((8, 1)))
 
 
-def test_faces_of_other_sizes_after_many_equal_ones_are_read() -> None:
-    faces = [[0, 1, 2], [3, 2, 1], [0, 1, 3, 2], [3, 1, 0], [0, 2, 3, 1]]
-    body = b"".join(struct.pack(f"<B{len(face)}iB", len(face), *face, 7 + len(face)) for face in faces)
-    header = (
-        "ply\nformat binary_little_endian 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
-        "element face 5\nproperty list uchar int vertex_indices\nproperty uchar flag\nend_header\n"
-    )
-    points = struct.pack("<12f", 0, 0, 0, 1, 0, 0, 0, 1, 0, 1, 1, 0)
-    contents = read_ply(header.encode() + points + body)
-    assert contents.polygons.rows() == faces
-    assert read_records(header.encode() + points + body).elements["face"].values["flag"].tolist() == [
-        10,
-        10,
-        11,
-        10,
-        11,
-    ]
-
-
-@pytest.mark.parametrize("text", [True, False])
-@given(shares=st.lists(st.integers(1, 5), min_size=2, max_size=6, unique=True), seed=st.integers(0, 99))
-def test_new_faces_have_a_colour_that_a_face_has(text: bool, shares: list[int], seed: int) -> None:
-    random = np.random.default_rng(seed)
-    colours = random.integers(0, 2, size=(len(shares), 3)) * 255  # single channels occur more often than any colour
-    parts = random.integers(0, 3, size=len(shares))
-    rows = np.repeat(np.column_stack([colours, parts]), shares, axis=0)
-    header = [f"ply\nformat {'ascii' if text else 'binary_little_endian'} 1.0\nelement vertex 4"]
-    header += [f"property float {axis}" for axis in "xyz"] + [f"element face {len(rows)}"]
-    header += ["property list uchar int vertex_indices"]
-    header += [f"property uchar {name}" for name in ("red", "green", "blue", "part")] + ["end_header\n"]
-    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype="<f4")
-    if text:
-        body = "".join(f"{x} {y} {z}\n" for x, y, z in points) + "".join(
-            f"3 0 1 2 {' '.join(map(str, row))}\n" for row in rows.tolist()
-        )
-        data = "\n".join(header).encode() + body.encode()
-    else:
-        faces = b"".join(b"\3" + np.array([0, 1, 2], "<i4").tobytes() + bytes(row) for row in rows.tolist())
-        data = "\n".join(header).encode() + points.tobytes() + faces
-    contents = read_ply(data)
-    assert contents.appended is not None
-    new = np.array([[0, 1, 3], [1, 2, 3]])
-    grown = contents.appended(
-        MeshExtension(
-            vertices=np.zeros((0, 3)), faces=new, face_loops=np.zeros(2, dtype=np.int64), vertex_attributes={}
-        )
-    )
-    held = read_records(grown).elements["face"].values
-    added = np.column_stack([held[name] for name in ("red", "green", "blue")])[-2:]
-    kinds, counts = np.unique(rows[:, :3], axis=0, return_counts=True)
-    best = kinds[counts == counts.max()]
-    assert all((best == row).all(axis=1).any() for row in added)
+def test_new_faces_have_the_colour_of_most_faces(tmp_path: Path) -> None:
+    colours = [[255, 0, 0], [255, 0, 0], [0, 255, 0], [0, 255, 255], [0, 0, 255]]  # red, though most have no red
+    header = HEAD + "element face 5\nproperty list uchar int vertex_indices\n"
+    header += "".join(f"property uchar {name}\n" for name in ("red", "green", "blue")) + "end_header\n"
+    body = "0 0 0\n1 0 0\n0 1 0\n" + "".join(f"3 0 1 2 {r} {g} {b}\n" for r, g, b in colours)
+    one = type(lid())(vertices=[[0.0, 0, 1]], faces=[[0, 1, 3]], face_loops=[0])
+    again(parsed((header + body).encode()).extended(one), tmp_path)
+    held = read_records((tmp_path / "again.ply").read_bytes()).elements["face"].values
+    assert [int(held[name][-1]) for name in ("red", "green", "blue")] == [255, 0, 0]
 
 
 STRIPS = {
@@ -276,14 +211,3 @@ def test_triangle_strips_are_faces(tmp_path: Path, encoding: str, kind: str, fac
     assert file.notes == ("triangle strips were changed into faces",)
     file.write(tmp_path / "faces.ply")
     assert read_mesh(tmp_path / "faces.ply").polygons.rows() == faces + triangles
-
-
-def test_triangle_strips_that_trimesh_orients_alike_and_strips_with_wrong_corners() -> None:
-    random = np.random.default_rng(5)
-    strips = [np.insert(random.permutation(8), random.integers(0, 9), -1).tolist() for _ in range(20)]
-    runs = [run for strip in strips for run in (strip[: strip.index(-1)], strip[strip.index(-1) + 1 :])]
-    expected = trimesh.util.triangle_strips_to_faces([run for run in runs if len(run) > 2])
-    assert np.array_equal(parsed(strips_ply("ascii", "int", strips, [])).mesh.faces, expected)
-    for strip, problem in (([0, 1, 2, 8], "vertex index 8"), ([0, 1, 2, -2], "vertex index -2")):
-        with pytest.raises(MeshFileError, match=problem):
-            parsed(strips_ply("ascii", "int", [strip], []))

@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from spinor_geom.adapters.polygon_faces import Polygons, chained, close_seams, seam_representatives
-from spinor_geom.errors import VertexIndexError
 from spinor_geom.mesh.topology import boundary_edges, is_watertight
 from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS
 
@@ -42,19 +41,6 @@ def test_quad_with_reflex_corner_is_split_along_its_inner_diagonal() -> None:
         assert all({0, 2} <= set(triangle) for triangle in triangles.tolist())
 
 
-@pytest.mark.parametrize(
-    ("bad", "words"),
-    [
-        ([0, 1, 2, 4], "face 1 has vertex index 4"),
-        ([0, 1, 2, -1], "face 1 has vertex index -1"),
-        ([0, 1], "has 2 corners"),
-    ],
-)
-def test_polygons_that_are_no_faces_are_named(bad: list[int], words: str) -> None:
-    with pytest.raises(VertexIndexError, match=words):
-        polygons([0, 1, 2, 3], bad).triangulated(CUBE_POINTS[:4])
-
-
 def test_fan_of_a_star_shaped_polygon_starts_at_a_vertex_that_sees_all_others() -> None:
     # an L: only fans from the reflex corner (1, 1) and from (0, 0) stay inside
     points = np.array([[2.0, 0, 0], [2, 1, 0], [1, 1, 0], [1, 2, 0], [0, 2, 0], [0, 0, 0]])
@@ -77,11 +63,6 @@ def test_triangles_have_the_boundary_and_order_of_their_polygons(sizes: list[int
         ring = mixed[number].tolist()
         edges = {tuple(edge) for edge in boundary_edges(own).tolist()}
         assert edges == set(zip(ring, ring[1:] + ring[:1], strict=True))
-
-
-def test_huge_coordinates_do_not_warn() -> None:
-    triangles, _ = polygons([0, 1, 2, 3], [0, 1, 2, 3, 4]).triangulated(np.full((5, 3), 1e300) * np.eye(5, 3))
-    assert len(triangles) == 5
 
 
 def test_triangles_follow_the_faces_that_were_there() -> None:
@@ -139,11 +120,6 @@ def test_seams_join_two_edges_that_differ_in_attributes_only(
 ) -> None:
     attributes = [] if uv is None else [np.array(uv, dtype=float)[:, None]]
     assert seam_representatives(points, polygons(*faces), attributes).tolist() == list(expected)
-
-
-def test_curves_tell_their_first_piece() -> None:
-    pieces = [[5, 6], [1, 0], [6, 7], [1, 2]]
-    assert [number for number, _ in chained([np.array(piece) for piece in pieces])] == [0, 1]
 
 
 @given(st.lists(st.lists(st.integers(0, 9), min_size=2, max_size=4), min_size=1, max_size=12))

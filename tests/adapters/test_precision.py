@@ -102,20 +102,6 @@ def test_a_glb_file_far_from_the_origin_has_an_offset_that_every_reader_adds(
     assert len(fill_hole(tmp_path / "closed.glb", return_report=True)[1].loops) == 0
 
 
-def test_a_stl_file_far_from_the_origin_is_refused_before_anything_is_written(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    mesh_at(tmp_path, UTM)
-    (tmp_path / "old.stl").write_text("old")
-    assert (
-        main(["fill", str(tmp_path / "tube.obj"), "-o", str(tmp_path / "old.stl"), "--report", str(tmp_path / "r")])
-        == 2
-    )
-    assert "the 32-bit numbers of .stl files do not hold this mesh" in capsys.readouterr().err
-    assert (tmp_path / "old.stl").read_text() == "old"
-    assert not (tmp_path / "r").exists()
-
-
 @ROUNDED
 def test_vertices_too_near_or_coordinates_too_small_for_single_precision_are_refused(
     tmp_path: Path, suffix: str

@@ -5,8 +5,7 @@ import pytest
 import pyvista
 
 from spinor_geom.adapters import extend, to_mesh
-from spinor_geom.fill.loop_choice import boundary_loops
-from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS, is_closed, lid, lid_for
+from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS, lid, lid_for
 from tests.fill.shapes import tube
 
 OPEN_QUADS = CUBE_QUADS[:-1]
@@ -33,13 +32,6 @@ def test_points_and_lines_beside_the_faces_stay_with_their_data() -> None:
     mixed = cube.cast_to_unstructured_grid()
     assert np.array_equal(to_mesh(mixed).faces, to_mesh(cube).faces)
     assert polygons_in(extend(mixed, lid()))[:5] == polygons_in(mixed)
-
-
-def test_an_edge_where_normals_or_texture_differ_is_a_seam() -> None:
-    box = pyvista.Cube(clean=False)
-    assert box.n_points == 24
-    assert is_closed(to_mesh(box))
-    assert boundary_loops(box) == []
 
 
 def test_names_tell_normals_colours_texture_and_labels() -> None:

@@ -172,22 +172,6 @@ def test_parts_components_and_their_transforms(tmp_path: Path, parts: dict[str, 
     assert np.array_equal(np.sort(other.bounds), np.sort([again.vertices.min(axis=0), again.vertices.max(axis=0)]))
 
 
-def test_a_rotation_is_applied_to_rows_and_a_mirrored_mesh_keeps_its_orientation(tmp_path: Path) -> None:
-    mirrored = "-1 0 0 0 1 0 0 0 1 0 0 0"
-    parts = {ROOT: model(mesh_text(1), f'objectid="1" transform="{TURNED}"', f'objectid="1" transform="{mirrored}"')}
-    filled = fill_hole(packed(tmp_path / "turned.3mf", parts))
-    x, y, z = TUBE[0].T
-    np.testing.assert_allclose(filled.mesh.vertices[:48], np.stack([-y, x, z + 7], axis=1), atol=1e-12)
-    np.testing.assert_allclose(filled.mesh.vertices[48:96], TUBE[0] * [-1, 1, 1], atol=1e-12)
-    filled.write(tmp_path / "filled.3mf")
-    again = read_mesh(tmp_path / "filled.3mf").mesh
-    assert is_closed(again)
-    corners = again.vertices[again.faces]
-    volume = np.linalg.det(corners).sum() / 6
-    frustum = 8 * np.sin(np.pi / 8) * (1 - 0.8**3) / 0.6  # with 16 sides and radii from 1 to 0.8
-    np.testing.assert_allclose(volume, 2 * frustum, rtol=1e-3)
-
-
 def test_a_bridge_between_two_meshes_is_written_with_copies_of_the_other_rim(tmp_path: Path) -> None:
     pair = model(mesh_text(1), 'objectid="1"', 'objectid="1" transform="1 0 0 0 1 0 0 0 1 0 0 1.4"')
     path = packed(tmp_path / "pair.3mf", {ROOT: pair})

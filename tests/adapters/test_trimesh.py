@@ -56,12 +56,6 @@ def test_texture_seam_is_no_boundary() -> None:
     assert len(boundary_edges(to_mesh(grown).faces)) == 8
 
 
-def test_coincident_vertices_without_texture_stay_apart() -> None:
-    tube = textured_tube()
-    bare = plain(tube.vertices, tube.faces)
-    assert np.array_equal(to_mesh(bare).faces, tube.faces)
-
-
 def test_stored_normals_are_carried_and_rounded_trip() -> None:
     cube = plain(*open_cube())
     cube.vertex_normals = (np.asarray(cube.vertices) - 0.5) / np.sqrt(0.75)

@@ -24,7 +24,7 @@ from spinor_geom import BatchProgress, BatchResult, batch
 from spinor_geom.batching.engine import MOST_BYTES, MOST_FILES, _blocks
 from spinor_geom.batching.inputs import Inputs, Source
 from spinor_geom.batching.settings import BatchOptions
-from spinor_geom.batching.store import RUN, STAGING, failure, log_line, opened_store
+from spinor_geom.batching.store import RUN, STAGING, failure, opened_store
 from spinor_geom.batching.workers import Workers, open_workers
 from spinor_geom.cli.main import main
 from spinor_geom.errors import BatchError
@@ -380,13 +380,3 @@ def test_results_that_are_gone_are_made_again(tmp_path: Path) -> None:
     again = batch(tmp_path / "in", tmp_path / "out", workers=1, resume=True)
     assert (again.complete, again.progress.files_before) == (True, 1)
     assert results(tmp_path / "out") == made
-
-
-def test_names_that_terminals_obey_do_not_reach_the_log(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "a.obj").write_text("g \x1b[31mred\x1b]0;x\x07\n" + curve_text(circle(9), closed=False))
-    (done,) = (event["finished"] for event in solved([tmp_path / "a.obj"], tmp_path / "out") if "finished" in event)
-    line = log_line(done)
-    assert "?[31mred" in line
-    assert all(character.isprintable() or character in "\t\n" for character in line)
-    assert main(["fill", str(tmp_path / "no\x1b[2J.obj"), "-o", str(tmp_path / "f.obj")]) == 2
-    assert "\x1b" not in capfd.readouterr().err

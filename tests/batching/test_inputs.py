@@ -10,7 +10,6 @@ import lzma
 import os
 import re
 import struct
-import subprocess
 import tarfile
 import tracemalloc
 from collections.abc import Iterable
@@ -21,7 +20,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from spinor_geom.batching import archives
 from spinor_geom.batching.archives import ArchiveReader, Member, members
 from spinor_geom.batching.inputs import Inputs, Source
 from spinor_geom.batching.settings import Limits
@@ -181,20 +179,6 @@ def test_patterns_leave_hidden_files_alone_unless_they_name_them(folder: Path) -
     assert keys(folder / ".*.obj") == ["scans/%2E_b.obj"]
 
 
-def test_folders_may_be_as_deep_as_paths_can_be(tmp_path: Path) -> None:
-    path = tmp_path / "deep"
-    for _ in range(1200):
-        path.mkdir()
-        path /= "d"
-    path.with_name("a.obj").write_text("")
-    try:
-        (source,) = listed([str(tmp_path / "deep")])
-    finally:
-        subprocess.run(["rm", "-rf", tmp_path / "deep"], check=True)  # for Python's own ways it is too deep
-    assert not source.problem
-    assert len(source.key) <= 700
-
-
 @pytest.mark.parametrize(
     ("name", "text"),
     [
@@ -349,19 +333,6 @@ def test_headers_that_add_up_end_at_the_memory_limit(tmp_path: Path) -> None:
     assert source.problem == f"{path}: its process used more than 100 MiB of memory; raise the limit, or split the file"
 
 
-def test_a_header_that_takes_for_ever_ends_at_the_time_limit(tmp_path: Path) -> None:
-    # some versions of tarfile look for a number before a word, from each of its digits anew; others refuse it at once
-    path = tmp_path / "slow.tar"
-    info = tarfile.TarInfo("header")
-    info.type, info.size = tarfile.XHDTYPE, 1 << 20
-    path.write_bytes(info.tobuf(tarfile.USTAR_FORMAT) + b"1" * (1 << 20) + good_tar())
-    (source,) = Inputs([str(path)], output="/nowhere", limits=Limits(seconds=3.0, memory=1 << 30, retries=0))
-    assert source.problem in (
-        f"{path}: its process took longer than 3 s; raise the limit",
-        f"{path}: cannot be read as an archive (invalid header); check that it is complete",
-    )
-
-
 def test_a_chain_of_headers_is_damage(tmp_path: Path) -> None:
     # tarfile calls itself for each
     path = tmp_path / "chain.tar"
@@ -378,17 +349,6 @@ def test_a_damaged_header_is_not_the_end(tmp_path: Path) -> None:
     assert "a header is damaged" in problem(path)
 
 
-def test_an_archive_that_cannot_be_read_is_reported(tmp_path: Path) -> None:
-    path = tmp_path / "a.zip"
-    path.mkdir()
-    reports: list[dict[str, str]] = []
-    archives.list_members(
-        {"archive": str(path), "suffixes": [".obj"], "parts": [], "listing": str(tmp_path / "l")}, reports.append
-    )
-    (report,) = reports
-    assert re.fullmatch(rf"{re.escape(str(path))}: cannot be read \(.+\); check the access rights", report["problem"])
-
-
 def test_a_zip_with_wrong_sizes_gives_no_more_than_the_stated_size(tmp_path: Path) -> None:
     path = packed_zip(tmp_path / "a.zip", [("a.obj", b"v 0 0 0\n" * 50_000)])
     data = bytearray(path.read_bytes())
@@ -398,17 +358,6 @@ def test_a_zip_with_wrong_sizes_gives_no_more_than_the_stated_size(tmp_path: Pat
     (member,) = members(path)
     with pytest.raises(ArchiveError, match=r"a\.obj: .*CRC"):
         ArchiveReader().read(path, member)
-
-
-def test_a_zip_whose_members_begin_before_it_is_damaged(tmp_path: Path) -> None:
-    path = packed_zip(tmp_path / "a.zip", [GOOD])
-    data = bytearray(path.read_bytes())
-    end = data.rindex(b"PK\x05\x06")
-    struct.pack_into("<I", data, end + 16, struct.unpack_from("<I", data, end + 16)[0] + 1000)
-    path.write_bytes(data)
-    # that lasts, so it is no trouble of the disk
-    with pytest.raises(ArchiveError, match="cannot be read as an archive"):
-        ArchiveReader().read(path, Member(name=GOOD[0], size=len(GOOD[1]), place=0))
 
 
 @pytest.mark.parametrize("suffix", [*PACKERS, ".zip"])
@@ -433,36 +382,3 @@ def test_names_are_harmless_and_different_names_stay_different(names: list[list[
         assert not name.startswith("/")
         assert not set(name) & set('\\:*?"<>|\0\n\r')
         assert all(part not in ("", ".", "..") and not part.startswith(".") for part in name.split("/"))
-
-
-def test_long_and_undecodable_names_stay_short_and_different() -> None:
-    long = [safe_name(["a" * 300 + str(number)]) for number in range(2)]
-    assert long[0] != long[1]
-    assert max(map(len, long)) < 255
-    deep = [safe_name([*("b" * 100 for _ in range(20)), str(number)]) for number in range(2)]
-    assert deep[0] != deep[1]
-    assert max(map(len, deep)) <= 140
-    # a separator takes three bytes where folders become one name
-    assert max(map(len, safe_name([*"a" * 500, "b.obj"]).split("/"))) <= 255
-    # no name can be that of a shortened one
-    assert safe_name([long[0]]) != long[0]
-    assert safe_name([os.fsdecode(b"\xff.obj")]) == "%FF.obj"
-    assert safe_name(["a.obj", "b.obj"]) == "a.obj%/b.obj"
-
-
-@pytest.mark.parametrize("kind", ["jsonl", "tar"])
-def test_listing_takes_the_same_memory_for_ten_times_as_many(tmp_path: Path, kind: str) -> None:
-    def peak(count: int) -> int:
-        path = tmp_path / f"{count}.{kind}"
-        if kind == "tar":
-            packed_tar(path, [(f"{number}.obj", b"") for number in range(count)])
-        else:
-            path.write_text('{"path": "gone.obj"}\n' * count)
-        tracemalloc.start()
-        assert sum(1 for _ in (members(path) if kind == "tar" else listed([str(path)]))) == count
-        _, most = tracemalloc.get_traced_memory()
-        tracemalloc.stop()
-        return most
-
-    few = peak(200)
-    assert peak(2000) < 1.3 * few + 20_000

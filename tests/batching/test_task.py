@@ -21,16 +21,14 @@ from spinor_geom.batching.inputs import Inputs, Source
 from spinor_geom.batching.pictures import MeshPictures
 from spinor_geom.batching.settings import BatchOptions, Limits
 from spinor_geom.batching.store import STAGING, failure, opened_store
-from spinor_geom.batching.summary import write_summary
 from spinor_geom.errors import BatchError, OptionError
 from spinor_geom.fill.fill_options import FillOptions
 from spinor_geom.fill.solved_loops import solved_loops
-from spinor_geom.gallery import noisy_loop
 from spinor_geom.isolate import FaultError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from tests.batching.files import circle, curve_text, holed_text, packed_zip, record, results, vertex_lines, write_curves
 from tests.fill.shapes import cylinder
-from tests.systems import links, signals, undecodable
+from tests.systems import links, signals
 
 Events = list[dict[str, Any]]
 ROOT = Path(__file__).parents[2]
@@ -127,15 +125,6 @@ def test_loops_alone_are_written_without_being_solved(
     np.testing.assert_array_equal(points, circle(30, 8) + 3)
 
 
-def test_comparisons_stand_in_the_record(tmp_path: Path) -> None:
-    (path,) = write_curves(tmp_path, 1)
-    solved([path], tmp_path / "out", compare=True)
-    (entry,) = record(tmp_path / "out", "curve000.obj")["loops"]
-    assert 0 < entry["comparison"]["hausdorff"]["mean"] < entry["comparison"]["hausdorff"]["max"] < 0.2
-    assert not any("seconds" in key for key in entry["comparison"])
-    assert entry["timings"]["comparison"] > 0
-
-
 def test_holes_can_be_continued_and_curves_stay_minimal(tmp_path: Path) -> None:
     vertices, faces = cylinder(16, 4)
     lines = "".join("f " + " ".join(map(str, face)) + "\n" for face in (faces + 1).tolist())
@@ -150,27 +139,6 @@ def test_holes_can_be_continued_and_curves_stay_minimal(tmp_path: Path) -> None:
     assert all(hole["area"] > 3.5 and hole["comparison"] is None for hole in holes)
     assert (curve["origin"], curve["kind"], curve["continuation"]) == ("curve", "minimal", None)
     assert curve["comparison"] is not None
-
-
-def test_curves_with_noise_are_met_at_their_points_as_rims_are(tmp_path: Path) -> None:
-    loop = noisy_loop(BoundaryLoop.from_points(circle(40)), 0.1, seed=1)
-    path = tmp_path / "noisy.obj"
-    path.write_text(curve_text(loop.points))
-    solved([path], tmp_path / "out")
-    (entry,) = record(tmp_path / "out", "noisy.obj")["loops"]
-    assert (entry["status"], entry["route"]) == ("done", "vertices")
-
-
-def test_edge_length_and_tolerance_are_obeyed(tmp_path: Path) -> None:
-    (path,) = write_curves(tmp_path, 1)
-    faces = []
-    for number, length in enumerate(("auto", 0.2)):
-        solved([path], tmp_path / f"out{number}", edge_length=length, tolerance=1e-14, strict=True)
-        (entry,) = record(tmp_path / f"out{number}", "curve000.obj")["loops"]
-        assert (entry["status"], entry["faces_added"] > 0) == ("imperfect", True)
-        assert "above the tolerance" in entry["reason"]
-        faces.append(entry["faces_added"])
-    assert faces[1] > 2 * faces[0]
 
 
 def test_a_mistake_of_ours_costs_one_file(mixed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -248,12 +216,6 @@ def test_broken_files_fail_for_a_reason_and_alone(tmp_path: Path, what: str) -> 
     assert {path.parent.name for path in (tmp_path / "out" / "files").rglob("record.json")} == {
         path.name for path in folder.iterdir()
     }
-
-
-def test_points_alone_are_no_file_that_was_done(tmp_path: Path) -> None:
-    (tmp_path / "points.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\n")
-    (done,) = (one["finished"] for one in solved([tmp_path / "points.obj"], tmp_path / "out") if "finished" in one)
-    assert (done["status"], done["reason"].partition(";")[0]) == ("failed", "has vertices but no faces and no curves")
 
 
 @dataclass(frozen=True)
@@ -429,14 +391,6 @@ def test_a_file_that_cannot_be_read_now_is_tried_again(tmp_path: Path, monkeypat
             assert store.completed(source) is None
 
 
-def test_a_changed_problem_is_reported_again(tmp_path: Path) -> None:
-    with opened_store(tmp_path / "out", BatchOptions(), resume=False) as store:
-        old, new = (Source(key="a.zip/problem", path="a.zip", problem=problem) for problem in ("too large", "damaged"))
-        store.commit(old, failure(old.key, old.problem), {})
-        assert store.completed(old) is not None
-        assert store.completed(new) is None
-
-
 def test_results_that_cannot_be_written_fail_one_file_only(tmp_path: Path) -> None:
     paths = write_curves(tmp_path / "in", 3)
     with opened_store(tmp_path / "out", BatchOptions(), resume=False) as store:
@@ -475,29 +429,6 @@ def test_a_process_that_cannot_start_stops_the_batch(
     done = process(write_curves(tmp_path / "in", 3), tmp_path / "out")
     assert done["finished"] == []
     assert "cannot start: its process died with status 1: ModuleNotFoundError" in done["stop"]
-
-
-@undecodable
-def test_names_that_are_no_text_reach_tables_log_and_page(tmp_path: Path) -> None:
-    folder, output = tmp_path / "in", tmp_path / "out"
-    folder.mkdir()
-    (folder / os.fsdecode(b"\xff.obj")).symlink_to("nowhere")
-    (folder / "\x1b[2J.obj").symlink_to("nowhere")
-    (folder / os.fsdecode(b"\xfe=1.obj")).write_text("g =1+1\n" + curve_text(circle(9)))
-    solved([folder], output)
-    with opened_store(output, BatchOptions(), resume=True) as store:
-        table, page = write_summary(store, Inputs([folder], output=output, limits=LIMITS), BatchOptions(), 1.0)
-        log = store.log.read_text(encoding="utf-8")
-    assert [line.split("\t")[:2] for line in log.splitlines()] == [
-        ["failed", "in/%1B[2J.obj"],
-        ["failed", "in/%FF.obj"],
-    ]
-    assert "\x1b" not in log
-    lines = table.read_text(encoding="utf-8").splitlines()[1:]
-    assert [line.partition(",")[0] for line in lines] == ["in/%1B[2J.obj", "in/%FE=1.obj", "in/%FF.obj"]
-    # no formula for a spreadsheet
-    assert lines[1].startswith("in/%FE=1.obj,0,'=1+1,")
-    assert page.read_text(encoding="utf-8").count("<svg") >= 1
 
 
 @pytest.mark.parametrize("what", ["fill", "surface", "loops"])

@@ -12,13 +12,12 @@ import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from spinor_geom.adapters import read_mesh
-from spinor_geom.cli import console, runs
+from spinor_geom.cli import console
 from spinor_geom.cli.main import build_parser, main
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.loop_choice import boundary_loops
@@ -97,12 +96,6 @@ def test_a_choice_of_loops_leaves_the_others_open_with_status_0(
     assert second["filled"]
 
 
-def test_loops_may_be_listed_with_commas_ranges_or_one_by_one(mesh_path: Path, tmp_path: Path) -> None:
-    for choice in (["--loop", "0,1"], ["--loop", "0-1"], ["--loop", "0", "--loop", "1"]):
-        assert main(["fill", str(mesh_path), "-o", str(tmp_path / "filled.obj"), *choice]) == 0
-        assert boundary_loops(tmp_path / "filled.obj") == []
-
-
 @pytest.mark.parametrize(
     ("options", "kinds"),
     [
@@ -120,13 +113,6 @@ def test_each_loop_has_its_continuity(
     assert [loop["kind"] for loop in json.loads(report.read_text())["loops"]] == kinds
 
 
-def test_a_loop_cannot_have_two_continuities(
-    mesh_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["fill", str(mesh_path), "-o", str(tmp_path / "f.obj"), "--film", "0-1", "--smooth", "1"]) == 2
-    assert "loop 1 is in --film and in --smooth" in capsys.readouterr().err
-
-
 def test_a_missed_tolerance_is_reported_and_gives_status_1_if_strict(
     mesh_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -138,19 +124,6 @@ def test_a_missed_tolerance_is_reported_and_gives_status_1_if_strict(
         assert printed.out == ""
         assert printed.err.count("is not within the tolerance") == 1
         assert len(boundary_loops(output)) == 1
-
-
-def test_a_coarse_mesh_is_reported_and_gives_status_1_if_strict(
-    mesh_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    for strict in (False, True):
-        output = tmp_path / "filled.obj"
-        command = ["fill", str(mesh_path), "-o", str(output), "--time-limit", "1e-9"]
-        assert main([*command, *(["--strict"] * strict)]) == int(strict)
-        printed = capsys.readouterr().err
-        assert "loop 0 (16 vertices) has a coarser mesh than asked for: its mesh of 16 vertices" in printed
-        assert "triangles larger than asked for" in printed
-        assert boundary_loops(output) == []
 
 
 def test_a_loop_left_open_is_reported_with_status_1_and_a_border_with_status_0(
@@ -281,52 +254,11 @@ def test_merge_takes_numbers_only(command: str, text: str) -> False:
     assert isinstance(arguments.merge, type(MERGES[text]))
 
 
-@pytest.mark.parametrize("merge", ["--merge=a", "--merge=nan", "--merge=-1"])
-def test_a_merge_distance_that_is_none_is_a_usage_error(merge: str, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit, match="2"):
-        main(["loops", "in.obj", merge])
-    assert "is not a number of at least 0" in capsys.readouterr().err
-
-
-def test_compare_prints_a_table_and_reports_it(
-    mesh_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    report = tmp_path / "report.json"
-    arguments = ["fill", str(mesh_path), "-o", str(tmp_path / "filled.obj"), "--loop", "1", "--compare"]
-    assert main([*arguments, "--report", str(report)]) == 0
-    assert capsys.readouterr().out.startswith("loop 1\n")
-    left, filled = json.loads(report.read_text())["loops"]
-    assert "comparison" not in left
-    assert filled["comparison"]
-
-
 def test_loops_lists_them_for_a_pipe(mesh_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["loops", str(mesh_path)]) == 0
     header, *rows = capsys.readouterr().out.splitlines()
     assert header.split("\t")[:3] == ["loop", "points", "perimeter"]
     assert [row.split("\t")[:2] for row in rows] == [["0", "16"], ["1", "16"]]
-
-
-@pytest.mark.parametrize("columns", [40, 50, 200])
-def test_a_narrow_table_of_loops_has_fewer_columns_and_whole_numbers(
-    columns: int, mesh_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("COLUMNS", str(columns))
-    _, shown = on_terminal(["loops", str(mesh_path)])
-    assert "…" not in shown
-    assert ("centre" in shown) == (columns == 200)
-
-
-def test_a_long_remark_is_broken_into_lines_and_hides_no_column(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("COLUMNS", "40")
-    remark = "crosses itself at 3 pairs of edges " * 4
-    columns = ("loop", "size", "remark")
-    with contextlib.redirect_stdout(Terminal()) as terminal:
-        console.show_table(columns, [["0", "1.25", remark]], piped=False, optional=("size",), wrapped="remark")
-    plain = re.sub(r"\x1b\[[\d;]*m", "", terminal.getvalue())
-    assert "1.25" in plain
-    assert plain.split().count("crosses") == 4
-    assert max(map(len, plain.splitlines())) <= 40
 
 
 @pytest.mark.parametrize(("columns", "continuity"), [(30, "C0"), (50, "C0"), (80, "C0"), (80, "C1")])
@@ -362,20 +294,6 @@ def test_a_closed_mesh_has_no_loops(mesh_path: Path, tmp_path: Path, capsys: pyt
     assert "closed" in capsys.readouterr().out
     assert main(["fill", str(closed), "-o", str(tmp_path / "again.obj")]) == 0
     assert (tmp_path / "again.obj").read_text() == closed.read_text()
-
-
-def test_crossings_get_a_column_where_there_are_some(
-    spiked_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("COLUMNS", "140")
-    monkeypatch.setenv("NO_COLOR", "1")
-    status, text = on_terminal(["fill", str(spiked_path), "-o", str(tmp_path / "filled.obj"), "--loop", "0"])
-    assert status == 1
-    plain = re.sub(r"\x1b\[[\d;]*m", "", text)
-    header, _, filled, left = (line.split() for line in plain.splitlines()[:5] if line.strip())
-    assert header[-3:] == ["faces", "seconds", "crossings"]
-    assert (filled[-3], filled[-1]) == ("1", "1")  # one new face, one crossing
-    assert left[-1] == "0"
 
 
 def test_the_table_is_coloured_where_the_terminal_has_colours(
@@ -511,20 +429,6 @@ def test_names_that_are_no_text_and_terminals_without_our_characters_show_questi
     assert main(["morph", "catenoid", "-o", str(turned)]) == 0
 
 
-FULL = Path("/dev/full")
-
-
-@pytest.mark.skipif(not FULL.exists(), reason="no device that is always full")
-def test_a_full_disk_is_one_sentence_that_names_the_file_and_status_2(
-    mesh_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    for option, name in (("--report", "report.json"), ("--picture", "picture.png")):
-        full = tmp_path / name
-        full.symlink_to(FULL)
-        assert main(["fill", str(mesh_path), "-o", str(tmp_path / "filled.obj"), option, str(full), "--quiet"]) == 2
-        assert capsys.readouterr().err == f"spinor-geom: {full}: No space left on device\n"
-
-
 @pytest.mark.parametrize("message", ["", "Unable to allocate 24.0 GiB"])
 def test_too_little_memory_is_one_sentence_and_status_2(
     mesh_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, message: str
@@ -537,27 +441,6 @@ def test_too_little_memory_is_one_sentence_and_status_2(
     assert capsys.readouterr().err == f"spinor-geom: {message or 'there is not enough memory'}\n"
 
 
-def test_a_morph_s_folder_is_made_and_one_that_cannot_be_is_refused_before_anything_is_solved(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["morph", "catenoid", "-o", str(tmp_path / "new" / "turned.html")]) == 0
-    assert [path.name for path in (tmp_path / "new").iterdir()] == ["turned.html"]
-    (tmp_path / "file").touch()
-    # there is no such surface either, which is not looked for
-    assert main(["morph", "unknown", "-o", str(tmp_path / "file" / "turned.html")]) == 2
-    assert f"{tmp_path / 'file'} is not a writable folder" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("quick", [[], ["--quick"]])
-def test_a_folder_of_mesh_files_that_is_not_there_is_an_error(
-    quick: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    pytest.importorskip("torch")
-    assert main(["bench", "--data", str(tmp_path / "nowhere"), "-o", str(tmp_path / "run"), *quick]) == 2
-    assert f"{tmp_path / 'nowhere'} is not a folder" in capsys.readouterr().err
-    assert list(tmp_path.iterdir()) == []
-
-
 SIZES = {"512M": 512 << 20, "4GiB": 4 << 30, "1.5g": 3 << 29, "700kb": 700 << 10, "9": 9}
 
 
@@ -565,32 +448,6 @@ SIZES = {"512M": 512 << 20, "4GiB": 4 << 30, "1.5g": 3 << 29, "700kb": 700 << 10
 def test_sizes_may_have_units(text: str, size: int) -> None:
     arguments = build_parser().parse_args(["batch", "a.obj", "-o", "out", "--memory-limit", text])
     assert arguments.memory_limit == size
-
-
-@pytest.mark.parametrize("text", ["--memory-limit 4X", "--memory-limit -1G", "--workers 0", "--closing -1", "--what x"])
-def test_mistaken_options_of_a_batch_are_usage_errors(text: str, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as stop:
-        main(["batch", "a.obj", "-o", "out", *text.split()])
-    assert stop.value.code == 2
-    assert f"argument {text.split()[0]}" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(("done", "seconds", "text"), [(2, 9.0, ""), (4, 50.0, ", 2 min left"), (9, 7.0, ", 1 s left")])
-def test_the_progress_of_a_batch_shows_when_it_will_be_ready(done: int, seconds: float, text: str) -> None:
-    assert runs._remaining_time(SimpleNamespace(files=done, files_before=2, files_total=10, seconds=seconds)) == text
-
-
-def test_loops_reports_faces_that_do_not_fit_beside_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    vertices, faces = tube()
-    fin = np.array([[faces[0, 0], faces[0, 2], 48]])
-    path = write_obj(tmp_path / "fin.obj", np.vstack([vertices, [[3.0, 0, 0]]]), np.vstack([faces, fin]))
-    assert main(["loops", str(path)]) == 0
-    printed = capsys.readouterr().out
-    assert printed.count("no patch: edge (17, 0) has the faces (0, 16, 64)") == 1
-    assert printed.count("beside the loop edge (17, 0) has the faces") == 1  # it ends at the rim
-    assert main(["loops", str(path), "--json"]) == 0
-    entries = json.loads(capsys.readouterr().out)
-    assert [entry["obstacle"] is None for entry in entries] == [True, True, False]
 
 
 def test_compare_prints_figures_and_writes_a_page(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -80,14 +79,6 @@ def test_what_cannot_be_drawn_is_one_sentence(
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("option", ["--size=12", "--size=0x5", "--eye=1,2", "--eye=0,0,0", "--eye=a,b,c", "--up=x"])
-def test_mistaken_options_are_usage_errors(option: str, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as stop:
-        main(["render", str(MESH), "-o", "p.png", option])
-    assert stop.value.code == 2
-    assert option.split("=")[0] in capsys.readouterr().err
-
-
 def test_without_a_display_view_fails_with_advice(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -98,17 +89,6 @@ def test_without_a_display_view_fails_with_advice(
     error = capsys.readouterr().err
     assert "spinor-geom render IN -o out.png" in error
     assert len(error.splitlines()) == 1
-
-
-def test_a_display_that_does_not_answer_is_reported(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    if not sys.platform.startswith("linux"):
-        pytest.skip("displays have names on X only")
-    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    monkeypatch.setenv("DISPLAY", ":4711")
-    assert main(["view", str(MESH)]) == 2
-    assert "the display cannot be reached" in capsys.readouterr().err
 
 
 def test_a_window_gets_the_mesh_its_rims_and_its_curvature(
@@ -136,11 +116,6 @@ def test_vertices_are_merged_before_a_mesh_is_drawn(tmp_path: Path, monkeypatch:
     for merge in ([], ["--merge"]):
         assert main(["render", *merge, str(soup), "-o", str(tmp_path / "p.png")]) == 0
     assert [len(layer.vertices) for layer in seen] == [6, 4]
-
-
-def test_a_saved_surface_has_no_vertices_to_merge(saved: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["render", "--merge", str(saved), "-o", str(saved.with_suffix(".png"))]) == 2
-    assert "remove --merge" in capsys.readouterr().err
 
 
 def test_the_upward_axis_is_that_of_the_format_in_all_commands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -45,54 +45,6 @@ def test_importing_the_package_imports_nothing_heavy() -> None:
     assert done.stdout.strip() == "[]"
 
 
-# what a user does without asking for a device or gradients
-PROGRAMS = {
-    "fill": "main(['fill', 'data/demosthenes_low_res.obj', '-o', folder + '/f.ply', '--html', folder + '/p.html'])",
-    "loops": "main(['loops', 'data/demosthenes_low_res.obj'])",
-    "render": "main(['render', 'data/demosthenes_low_res.obj', '-o', f'{folder}/picture.png'])",
-    "C1": "spinor_geom.fill_hole('data/demosthenes_low_res.obj', continuity='C1')",
-    "solutions": (
-        "t = 2 * np.pi * np.arange(40) / 40\n"
-        "circle = np.stack([np.cos(t), np.sin(t), 0 * t], axis=1)\n"
-        "bent = circle + [[0, 0, 0.3 * np.cos(2 * s)] for s in t]\n"
-        "rough = bent + 0.05 * np.sin(7 * np.arange(40))[:, None]\n"
-        "square = np.array([[0, 0, 0], [1, 0, 0.3], [1, 1, 0], [0, 1, 0.3]], dtype=float)\n"
-        "for loop in (circle, bent, rough, square, [circle, circle + [0, 0, 0.5]]):\n"
-        "    solution = spinor_geom.solve_plateau(loop)\n"
-        "    patch = spinor_geom.mesh_patch(solution)\n"
-        "    solution.stability, solution.area_in_domain, solution.self_intersections\n"
-        "    surface = solution.array_surface\n"
-        "    surface.normal(patch.points), surface.gauss_curvature(patch.points), surface.branch_points()\n"
-        "    surface.save(f'{folder}/surface.safetensors')\n"
-        "    type(surface).load(f'{folder}/surface.safetensors').area()\n"
-        "list(spinor_geom.plateau.solve.solve_plateau_batch([bent, rough]))\n"
-        "spinor_geom.discrete_minimal_surface(bent)"
-    ),
-    "worker": "import spinor_geom.batching.solver",
-}
-
-
-def test_torch_is_imported_only_on_request(tmp_path: Path) -> None:
-    """In one process, as the first program that imports torch is named."""
-    pytest.importorskip("torch")
-    lines = "import sys\nimport numpy as np\nimport spinor_geom\nfrom spinor_geom.cli.main import main\n"
-    lines += f"folder = {str(tmp_path)!r}\n"
-    for name, program in PROGRAMS.items():
-        lines += f"{program}\nassert 'torch' not in sys.modules, {name!r}\n"
-    run_alone(lines + "import torch\n")
-
-
-def test_modules_of_a_command_are_not_scanned_by_the_garbage_collector() -> None:
-    program = (
-        "import gc\n"
-        "from spinor_geom.cli.main import main\n"
-        "assert main(['loops', 'data/trimesh_reference.obj']) == 0\n"
-        "print(gc.isenabled(), gc.get_freeze_count() > 10_000)\n"
-    )
-    done = run_alone(program)
-    assert done.stdout.splitlines()[-1] == "True True"
-
-
 def test_public_names_are_defined_in_their_modules_and_not_hidden_by_modules_of_the_same_name() -> None:
     for name in spinor_geom.__all__:
         value = getattr(spinor_geom, name)

@@ -71,13 +71,3 @@ def test_the_angle_across_an_edge(angle: float) -> None:
     half_edges = HalfEdges.of(np.array([[0, 1, 2], [1, 0, 3]]))
     angles = crossing_angles(half_edges, vertices)
     np.testing.assert_allclose(np.degrees(angles), [angle, 0, 0, angle, 0, 0], atol=1e-9)
-
-
-def test_closed_vertices_have_two_faces_at_every_edge_one_in_each_direction() -> None:
-    tetrahedron = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
-    assert not HalfEdges.of(tetrahedron).unclosed(4).any()
-    assert HalfEdges.of(tetrahedron[:3]).unclosed(4).tolist() == [True, False, True, True]
-    flipped = np.concatenate([tetrahedron[:3], tetrahedron[3:, ::-1]])
-    assert HalfEdges.of(flipped).unclosed(4).tolist() == [True, False, True, True]
-    twice = np.concatenate([tetrahedron, tetrahedron[:1]])
-    assert HalfEdges.of(twice).unclosed(4).tolist() == [True, True, True, False]

@@ -142,10 +142,3 @@ def test_splines_are_exact_between_their_joints() -> None:
     assert not fitted.corners.any()
     with pytest.raises(CurveError, match="kink"):
         BoundaryCurve.from_formula(of_spline(spline, ()))
-
-
-def test_curves_far_from_the_origin_are_met_to_the_rounding_of_their_coordinates() -> None:
-    shift = np.array([3e5, -2e5, 1e5])
-    fitted = BoundaryCurve.from_formula(circle(point=lambda s: circle().point(s) + shift))
-    s = np.linspace(0, 1, 100, endpoint=False)
-    assert np.abs(fitted.point(s) - shift - circle().point(s)).max() < 1e-9  # ten times 3e5 · 2⁻⁵²

@@ -8,7 +8,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline, PPoly
 from scipy.spatial import cKDTree
-from scipy.spatial.transform import Rotation
 
 from spinor_geom import gallery
 from spinor_geom.errors import RepeatedPointError
@@ -189,11 +188,6 @@ class TestTrigonometric:
         # the parameter t + 0.3·sin(t + 1) has all frequencies, the wave itself two
         assert error < (1e-13 if uneven == 0 or count > 300 else 1e-9)
 
-    def test_converges_faster_than_any_order(self) -> None:
-        s = np.linspace(0, 1, 1000, endpoint=False)
-        errors = [distance_to_wave(curve_of(wave(count, 0.7), []).point(s)).max() for count in (20, 24, 28, 32)]
-        assert (np.divide(errors[1:], errors[:-1]) < 0.03).all()
-
     def test_derivatives_are_those_of_the_curve(self) -> None:
         curve, s = curve_of(circle(40)), np.linspace(0, 1, 333)
         np.testing.assert_allclose(np.linalg.norm(curve.derivative(s), axis=1), 2 * np.pi, rtol=1e-12)
@@ -285,29 +279,8 @@ class TestSamplings:
         ]
         assert np.log2(errors[0] / errors[1]) > 8
 
-    def test_jittered_points_keep_position_start_and_direction(self) -> None:
-        points, s = folded_at(1, jittered_shares(96)), np.linspace(0, 1, 100)
-        curve = curve_of(points, [])
-        assert curve.kind == "analytic"
-        turned = Rotation.from_rotvec([1.0, 2, 3])
-        moved = curve_of(1e3 * turned.apply(points) + 7, [])
-        np.testing.assert_allclose(moved.point(s), 1e3 * turned.apply(curve.point(s)) + 7, atol=1e-7)
-        rolled = curve_of(np.roll(points, -7, axis=0), [])
-        np.testing.assert_allclose(rolled.point(s - curve.breaks[7]), curve.point(s), atol=1e-9)
-        back = curve_of(points[::-1], [])
-        np.testing.assert_allclose(back.point(curve.breaks[-2] - s), curve.point(s), atol=1e-9)
-
 
 class TestConvergence:
-    @pytest.mark.parametrize(("degree", "counts"), [(3, [16, 32, 64, 128]), (5, [24, 48, 96]), (7, [24, 32, 40])])
-    def test_circle_is_approximated_at_order_degree_plus_one(
-        self, degree: int, counts: list[int], monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        force_degree(degree, monkeypatch)
-        s = np.linspace(0, 1, 1000, endpoint=False)
-        errors = [np.abs(np.linalg.norm(curve_of(circle(count)).point(s), axis=1) - 1).max() for count in counts]
-        assert np.polyfit(np.log(counts), np.log(errors), 1)[0] == pytest.approx(-(degree + 1), abs=0.1)
-
     @pytest.mark.parametrize("uneven", [0.0, 0.3])
     @pytest.mark.parametrize(("degree", "error"), [(3, 6e-7), (5, 6e-9), (7, 2e-10)])
     def test_curve_is_approximated_at_order_degree_plus_one(
@@ -351,17 +324,6 @@ class TestCorners:
         assert jump(curve, 3, quiet).max() < 1e-9 * scale
         assert jump(curve, 3, loud).min() > 1e-3 * scale
 
-    def test_one_corner_gives_an_open_spline_back_to_itself(self) -> None:
-        # a drop with a right angle at t = 0, smooth elsewhere
-        t = 2 * np.pi * np.arange(200) / 200
-        drop = np.stack([np.sin(t / 2), np.sin(t) / 2, 0 * t], axis=1)
-        curve = curve_of(drop)
-        np.testing.assert_array_equal(np.flatnonzero(curve.corners), [0])
-        before, after = curve.derivative(np.array([1 - 1e-12, 0.0]))
-        cosine = before @ after / np.linalg.norm(before) / np.linalg.norm(after)
-        # tangents (−1/2, 1/2) and (1/2, 1/2)
-        assert cosine == pytest.approx(0, abs=1e-5)
-
 
 class TestAverages:
     def test_harmonics_of_a_circle_fall_by_the_gaussian_s_transform(self) -> None:
@@ -377,12 +339,6 @@ class TestAverages:
         height = np.ptp(smooth.point(smooth.breaks[:-1])[:, 2]) / 2
         assert height == pytest.approx(0.1 * np.exp(-0.5 * (10 * np.pi * width) ** 2), rel=0.05)
 
-    def test_average_over_nothing_is_the_curve_and_over_everything_its_centre(self) -> None:
-        curve = curve_of(wave(64), [])
-        np.testing.assert_allclose(curve.smoothed(0.0).point(curve.breaks[:-1]), wave(64), atol=1e-4)
-        everything = curve.smoothed(10.0).point(np.linspace(0, 1, 20))
-        assert np.ptp(everything, axis=0).max() < 1e-12
-
     @settings(deadline=None, max_examples=20)
     @given(points=rough_loops(), width=st.floats(1e-3, 0.2))
     def test_averages_keep_the_breaks_and_are_shorter(self, points: np.ndarray, width: float) -> None:
@@ -392,18 +348,6 @@ class TestAverages:
         # in its own parameter; at its vertices, between which the spline may swing where breaks are uneven
         perimeter = np.linalg.norm(np.diff(smooth.point(curve.breaks), axis=0), axis=1).sum()
         assert perimeter < curve.length()
-
-
-class TestInvariance:
-    @settings(deadline=None, max_examples=30)
-    @given(points=smooth_loops())
-    def test_reversed_loop_is_the_same_curve_run_back(self, points: np.ndarray) -> None:
-        loop = BoundaryLoop.from_points(points, corners=[0, 7])
-        s = np.linspace(0.01, 0.99, 50)
-        forth, back = BoundaryCurve.from_loop(loop), BoundaryCurve.from_loop(loop.reversed())
-        # The degree is chosen by how well every second point is predicted. From the other end these are other points:
-        # for one loop in 50 a side gets another degree.
-        np.testing.assert_allclose(back.point(1 - s), forth.point(s), atol=2e-3)
 
 
 class TestNearest:

@@ -9,13 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from spinor_geom.errors import DuplicateVertexError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.find_loops import find_boundary_loops
 from spinor_geom.mesh.loop_frame import first_point
 from spinor_geom.mesh.topology import boundary_edges, face_components, is_watertight
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
-from tests.strategies import SEEDS, HoledDisk, RigidMotion, holed_disks, ragged_meshes, rigid_motions
+from tests.strategies import SEEDS, RigidMotion, ragged_meshes, rigid_motions
 
 
 def mesh_of(faces: np.ndarray) -> TriangleMesh:
@@ -59,16 +58,6 @@ class TestKnownMeshes:
         loops = find_boundary_loops(TriangleMesh(points, faces[[5, 15, 70]]))
         assert set(loops[0].vertex_ids.tolist()) == set(faces[15].tolist())
 
-    def test_annulus_has_two_loops_run_in_opposite_directions(self) -> None:
-        points, faces = grid(3, 3)
-        middle = {5, 6, 9, 10}
-        faces = faces[[not set(face) <= middle for face in faces.tolist()]]
-        outer, inner = find_boundary_loops(TriangleMesh(points, faces))
-        assert set(inner.vertex_ids.tolist()) == middle
-        # the patch over the inner hole looks up like the grid, that over the outer rim closes it from below
-        np.testing.assert_allclose(inner.area_vector, [0, 0, 1])
-        np.testing.assert_allclose(outer.area_vector, [0, 0, -9])
-
     def test_large_fan_at_a_boundary_vertex(self) -> None:
         count = 500
         faces = np.stack([np.zeros(count, int), np.arange(1, count + 1), np.arange(2, count + 2)], axis=1)
@@ -77,15 +66,6 @@ class TestKnownMeshes:
 
 
 class TestBowTies:
-    def test_holes_touching_in_a_vertex_are_two_loops(self) -> None:
-        points, faces = grid(6, 4)
-        # vertex 16 = (2, 2) is the corner that the square holes on its lower left and upper right share
-        removed = {frozenset(face) for face in [(8, 9, 16), (8, 16, 15), (16, 17, 24), (16, 24, 23)]}
-        mesh = TriangleMesh(points, faces[[frozenset(face) not in removed for face in faces.tolist()]])
-        loops = find_boundary_loops(mesh)
-        assert rings_of(loops[1:]) == {(8, 9, 16, 15), (16, 17, 24, 23)}
-        assert is_watertight(capped(mesh, loops))
-
     def test_ring_through_one_vertex_three_times(self) -> None:
         # every second triangle cut out of a hexagon around vertex 0; the others hang together through an outer ring
         inner, outer = np.arange(1, 7), np.arange(7, 13)
@@ -100,16 +80,6 @@ class TestBowTies:
 
 
 class TestCoincidentEdges:
-    def test_soup_is_refused_with_the_option_that_merges_it(self) -> None:
-        points, faces = grid(3, 3)
-        soup = TriangleMesh(points[faces.ravel()], np.arange(faces.size).reshape(-1, 3))
-        with pytest.raises(DuplicateVertexError, match="merge") as caught:
-            find_boundary_loops(soup)
-        assert caught.value.fields["count"] == 3 * len(faces) - 12
-        merged, _ = soup.merged()
-        (loop,) = find_boundary_loops(merged)
-        assert len(loop) == 12
-
     def test_two_pieces_along_a_seam_report_its_edges(self) -> None:
         points, faces = grid(2, 4)
         left = np.flatnonzero(points[faces][:, :, 0].max(axis=1) <= 1)
@@ -181,12 +151,6 @@ class TestRandomMeshes:
         sides = np.concatenate([mesh.faces[:, [0, 1]], mesh.faces[:, [1, 2]], mesh.faces[:, [2, 0]]]).tolist()
         piece = dict(zip(map(tuple, sides), np.tile(labels, 3).tolist(), strict=True))
         assert all(len({piece[b, a] for a, b in loop_edges([loop])}) == 1 for loop in loops)
-
-    @settings(deadline=None, max_examples=30)
-    @given(disk=holed_disks())
-    def test_holes_of_a_disk_are_found_as_made(self, disk: HoledDisk) -> None:
-        found = {frozenset(loop.vertex_ids.tolist()) for loop in find_boundary_loops(disk.mesh)}
-        assert found == {disk.rim, *disk.holes}
 
     @settings(deadline=None, max_examples=30)
     @given(mesh=ragged_meshes(), motion=rigid_motions(), exponent=st.integers(-6, 6), seed=SEEDS)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from fractions import Fraction
-from time import process_time
 from typing import TypeAlias
 
 import numpy as np
@@ -20,7 +19,6 @@ from spinor_geom.mesh.intersections import (
     loop_crossings,
     self_intersections,
 )
-from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from tests.mesh.test_find_loops import grid
 from tests.strategies import SEEDS, RigidMotion, rigid_motions, smooth_loops
 
@@ -150,13 +148,6 @@ def test_a_soup_crosses_as_in_rational_arithmetic_at_any_scale(seed: int, scale:
     assert self_intersections(vertices, faces).tolist() == expected
 
 
-def test_no_faces_cross_nothing() -> None:
-    none = np.zeros((0, 3), dtype=np.int64)
-    assert self_intersections(np.eye(3), none).shape == (0, 2)
-    assert intersections_between(np.eye(3), BOTH[:1], np.eye(3), none).shape == (0, 2)
-    assert intersections_between(np.eye(3), none, np.eye(3), BOTH[:1]).shape == (0, 2)
-
-
 @settings(max_examples=30)
 @given(motion=rigid_motions(), scale=st.floats(1e-6, 1e6), seed=SEEDS)
 def test_counts_do_not_change_under_motion_and_scale(motion: RigidMotion, scale: float, seed: int) -> None:
@@ -193,34 +184,7 @@ def crumpled(seed: int, size: int = 9) -> tuple[np.ndarray, np.ndarray]:
     return vertices + 0.7 * np.random.default_rng(seed).normal(size=vertices.shape), faces
 
 
-@pytest.mark.parametrize(
-    "name", ["spot_cut.obj", "plane_holes.obj", "trimesh_reference.obj", "demosthenes_low_res.obj"]
-)
-def test_real_meshes_without_defects_do_not_cross_themselves(
-    real_mesh: Callable[[str], TriangleMesh], name: str
-) -> None:
-    mesh = real_mesh(name)
-    assert len(self_intersections(mesh.vertices, mesh.faces)) == 0
-
-
 # --- graphs -----------------------------------------------------------------------------------------------------------
-
-
-def polar(turn: float, *, radii: tuple[float, ...] = (1.0, 0.5), points: int = 60) -> tuple[np.ndarray, np.ndarray]:
-    """A strip around an axis over an angle, one turn and a half overlapping itself in projection; its rim first."""
-    angle = turn * np.arange(points) / (points - 1)
-    outer, inner = (np.column_stack([r * np.cos(angle), r * np.sin(angle), 0.2 * angle]) for r in radii)
-    a = np.arange(points - 1)
-    other = 2 * points - 1 - a
-    faces = np.concatenate([np.column_stack([a, a + 1, other]), np.column_stack([a + 1, other - 1, other])])
-    return np.concatenate([outer, inner[::-1]]), faces
-
-
-def test_a_strip_is_a_graph_until_it_overlaps() -> None:
-    for turn, graph in ((np.pi, True), (0.95 * 2 * np.pi, True), (3 * np.pi, False)):
-        vertices, faces = polar(turn)
-        assert is_graph(vertices, faces, len(vertices)) is graph
-        assert len(self_intersections(vertices, faces)) == 0
 
 
 @given(points=smooth_loops(min_points=12, max_points=40), height=st.floats(-3, 3))
@@ -279,16 +243,6 @@ def test_a_long_edge_is_compared_with_the_short_ones_it_passes(height: float, fo
     assert crossings.tolist() == ([[999, 2002], [1000, 2002]] if found else [])
 
 
-def test_long_loops_take_little_time() -> None:
-    t = 2 * np.pi * np.arange(5000) / 5000
-    noise = 0.15 * (2 * np.pi / 5000) * np.random.default_rng(0).normal(size=(5000, 3))
-    loop = np.column_stack([np.cos(t), np.sin(t), 0.3 * np.sin(2 * t)]) + noise
-    start = process_time()
-    assert len(loop_crossings(loop)) == 0
-    # about 5 ms where nothing else runs; all pairs would take seconds
-    assert process_time() - start < 0.25
-
-
 @settings(deadline=None, max_examples=60)
 @given(seed=SEEDS, count=st.integers(5, 20), turns=st.integers(1, 2), motion=rigid_motions())
 def test_stars_are_simple_where_they_wind_once(seed: int, count: int, turns: int, motion: RigidMotion) -> None:
@@ -318,16 +272,6 @@ def test_faces_around_a_vertex_cross_where_they_overlap_though_all_are_oriented_
     # a closed fan that goes around twice
     vertices, faces = fan((np.arange(9) * np.radians(80.0)).tolist())
     assert len(self_intersections(vertices[:-1], np.where(faces == 9, 1, faces))) >= 8
-
-
-def test_two_fans_at_a_vertex_and_faces_on_one_side_of_an_edge_cross() -> None:
-    vertices, faces = fan([0.0, 1.0, 2.0])
-    more, others = fan([0.5, 1.5])
-    both = np.vstack([vertices, more[1:]]), np.vstack([faces, np.where(others > 0, others + 3, 0)])
-    assert self_intersections(*both).tolist() == [[0, 2], [1, 2]]
-    # faces (0, 1, 2) and (0, 3, 2) on one side of the edge 0 to 2, both counter-clockwise
-    vertices = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 0.5, 0]])
-    assert self_intersections(vertices, np.array([[0, 1, 2], [0, 3, 2]])).tolist() == [[0, 1]]
 
 
 @pytest.mark.parametrize("turn", range(3))

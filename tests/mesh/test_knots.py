@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from spinor_geom import gallery
 from spinor_geom.mesh.knots import knot_determinant
-from tests.strategies import rigid_motions, rough_loops
+from tests.strategies import rigid_motions
 
 
 def torus_knot(p: int, q: int, points: int = 200) -> np.ndarray:
@@ -49,12 +49,6 @@ def test_knots_have_their_determinants_from_every_side(points, determinant, moti
 def test_coils_are_no_knots(count, motion) -> None:
     assert knot_determinant(motion(torus_knot(1, count))) is None
     assert knot_determinant(motion(torus_knot(count, 1))) is None
-
-
-@given(loop=rough_loops(max_noise=0.5))
-@settings(max_examples=20)
-def test_rough_circles_are_no_knots(loop) -> None:
-    assert knot_determinant(loop) is None
 
 
 def test_curves_of_the_gallery_are_no_knots() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.loop_frame import LoopFrame, first_point, first_points
+from spinor_geom.mesh.loop_frame import LoopFrame, first_point
 from tests.fill.copies import POLYGONS, motions
 
 
@@ -61,12 +61,3 @@ def test_sequences_decide_where_lengths_at_one_point_do_not() -> None:
     expected, backward = first_point(points)
     for k in range(len(points)):
         assert first_point(np.roll(points, k, axis=0)) == ((expected + k) % len(points), backward)
-
-
-def test_polygons_have_the_same_first_points_together_and_alone() -> None:
-    rng = np.random.default_rng(3)
-    angle = np.arange(6) * np.pi / 3
-    regular = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
-    polygons, beside = np.stack([regular, *rng.normal(size=(3, 6, 3)), 2 * regular]), rng.normal(size=(5, 3))
-    together = zip(*first_points(polygons, beside), strict=True)
-    assert list(together) == [first_point(*each) for each in zip(polygons, beside, strict=True)]

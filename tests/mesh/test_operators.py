@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import given, settings
 from scipy.sparse import csc_array, eye_array
 
 from spinor_geom.deadline import time_limit
@@ -47,30 +47,6 @@ def test_laplacian_is_symmetric_semidefinite_with_zero_rows(disk: HoledDisk) -> 
     assert np.abs((laplacian - laplacian.T).toarray()).max() <= 1e-12 * scale
     assert np.abs(laplacian @ np.ones(laplacian.shape[0])).max() <= 1e-11 * scale
     assert np.linalg.eigvalsh(laplacian.toarray()).min() >= -1e-11 * scale
-
-
-@settings(deadline=None, max_examples=20)
-@given(disk=holed_disks())
-def test_dirichlet_energy_of_the_coordinates_is_twice_the_area(disk: HoledDisk) -> None:
-    vertices = disk.mesh.vertices
-    laplacian = cotangent_laplacian(vertices, disk.mesh.faces)
-    energy = np.trace(vertices.T @ (laplacian @ vertices))
-    # the identity is conformal: ½ E = A, exact on every triangle (Pinkall & Polthier)
-    assert energy / 2 == pytest.approx(face_areas(vertices, disk.mesh.faces).sum(), rel=1e-9)
-
-
-@settings(deadline=None, max_examples=10)
-@given(disk=holed_disks())
-def test_mollifying_leaves_faces_with_area_alone(disk: HoledDisk) -> None:
-    vertices, faces = disk.mesh.vertices, disk.mesh.faces
-    corners = vertices[faces]
-    lengths = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
-    # others are nearly degenerate, and mollified
-    assume((lengths.sum(axis=1) > (2 + 1e-6) * lengths.max(axis=1)).all())
-    difference = mollified_laplacian(vertices, faces) - cotangent_laplacian(vertices, faces)
-    assert np.abs(difference.data).max(initial=0.0) < 1e-10 * np.abs(cotangent_laplacian(vertices, faces).data).max()
-    angles = intrinsic_angles(mollified_edge_lengths(vertices, faces))
-    np.testing.assert_allclose(angles, internal_angles(vertices, faces), atol=1e-9)
 
 
 def test_mollified_laplacian_of_faces_without_area_is_finite_and_positive() -> None:

@@ -87,14 +87,6 @@ def test_a_defect_at_a_loop_is_reported_there_only(defect: Callable[[int], Pair]
     assert loops[0].reversed().remarks == loops[0].remarks
 
 
-def test_a_loop_along_an_edge_of_three_faces_names_it_as_its_obstacle() -> None:
-    loops = find_boundary_loops(TriangleMesh(*with_a_fin(FAR)))
-    (fin,) = (loop for loop in loops if len(loop) == 3)
-    assert isinstance(fin.obstacle, NonManifoldEdgeError)
-    assert 120 in fin.obstacle.fields["faces"]
-    assert set(fin.obstacle.fields["edge"]) < set(fin.vertex_ids.tolist())
-
-
 def test_faces_of_opposite_directions_at_an_edge_are_joined_before_flatter_ones() -> None:
     # the first and the last face lie in a plane and run along the edge (0, 1) in the same direction
     vertices = np.array([[0, 0, 0], [1, 0, 0], [0.5, 1, 0], [0.5, -0.5, 0.9], [0.5, -1, 0]])
@@ -123,25 +115,6 @@ def test_pieces_inside_out_to_each_other_have_the_loops_of_their_own_faces() -> 
     assert same(loops[0], clean[0])
     assert same(loops[1], clean[1].reversed())
     assert all(loop.remarks == () for loop in loops)
-
-
-def test_the_edge_of_a_moebius_strip_is_one_loop() -> None:
-    faces = np.array([[0, 1, 2], [2, 1, 3], [2, 3, 4], [4, 3, 5], [4, 5, 1], [1, 5, 0]])
-    (loop,) = find_boundary_loops(TriangleMesh(np.random.default_rng(0).uniform(size=(6, 3)), faces))
-    assert len(loop) == 6
-    assert len(loop.remarks) == 1
-
-
-def test_a_soup_elsewhere_does_not_hide_a_loop() -> None:
-    vertices, faces = tube(SIDES, 2)
-    soup, own = tube(24, 9)
-    soup = soup[own.ravel()] + [5.0, 0, 0]
-    mesh = TriangleMesh(
-        np.vstack([vertices, soup]), np.vstack([faces, np.arange(len(soup)).reshape(-1, 3) + len(vertices)])
-    )
-    loops = [loop for loop in find_boundary_loops(mesh) if len(loop) == SIDES]
-    assert len(loops) == 2
-    assert all(len(loop.seam_edges) == 0 for loop in loops)
 
 
 def test_edges_of_very_many_faces_are_not_compared_in_pairs() -> None:

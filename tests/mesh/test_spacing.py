@@ -9,7 +9,7 @@ from spinor_geom import gallery
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.spacing import are_long, edge_lengths, graded_spacing, with_long_edges_divided
-from tests.long_edges import FLAT, arc, polygon_area
+from tests.long_edges import FLAT, polygon_area
 from tests.strategies import SEEDS
 
 
@@ -98,13 +98,6 @@ def test_points_on_long_edges_leave_the_loop_as_it_is(name: str) -> None:
     assert (parts[long & ~(np.roll(long, 1) & np.roll(long, -1))] > 1).all()
     # a number of parts that grows with the logarithm of the ratio: three for each doubling at both ends
     assert parts.max() <= 3 * np.log2(edge_lengths(points).max() / edge_lengths(points).min())
-
-
-def test_loops_without_long_edges_get_no_points() -> None:
-    points = arc(330, 11)
-    divided, are_own = with_long_edges_divided(points)
-    assert divided.tobytes() == points.tobytes()
-    assert are_own.all()
 
 
 @given(seed=SEEDS, spread=st.sampled_from([0.1, 0.6, 2.0]), several=st.booleans())

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from spinor_geom.mesh.find_loops import Sheets
 from spinor_geom.mesh.topology import (
     HalfEdges,
-    boundary_edges,
     coincident_vertices,
     face_components,
     is_watertight,
@@ -27,17 +26,6 @@ def test_twins_of_a_tetrahedron_run_the_other_way(tetrahedron: np.ndarray) -> No
     assert len(half_edges.counts) == 6
     np.testing.assert_array_equal(half_edges.origin, half_edges.target[half_edges.twin])
     np.testing.assert_array_equal(half_edges.twin[half_edges.twin], np.arange(12))
-
-
-def test_edges_without_exactly_two_faces_have_no_twins() -> None:
-    np.testing.assert_array_equal(HalfEdges.of(np.array([[0, 1, 2], [2, 1, 3]])).twin, [-1, 3, -1, 1, -1, -1])
-    # a third face at the edge (1, 2)
-    np.testing.assert_array_equal(HalfEdges.of(np.array([[0, 1, 2], [2, 1, 3], [1, 2, 4]])).twin, [-1] * 9)
-
-
-def test_boundary_edges_keep_the_direction_of_their_face() -> None:
-    edges = boundary_edges(np.array([[0, 1, 2], [2, 1, 3]]))
-    assert {tuple(edge) for edge in edges.tolist()} == {(0, 1), (1, 3), (3, 2), (2, 0)}
 
 
 def test_a_mesh_is_watertight_until_a_face_is_missing_turned_or_too_many(tetrahedron: np.ndarray) -> None:
@@ -66,11 +54,6 @@ def test_added_faces_are_judged_as_those_of_one_mesh(seed: int, count: int, copi
 def test_faces_of_an_edge_with_three_faces_are_one_component() -> None:
     fan = np.array([[0, 1, 2], [1, 0, 3], [0, 1, 4], [5, 6, 7], [6, 5, 8]])
     np.testing.assert_array_equal(face_components(fan), [0, 0, 0, 1, 1])
-
-
-def test_pieces_touching_in_a_vertex_are_two_components() -> None:
-    labels = face_components(np.array([[0, 1, 2], [0, 3, 4], [1, 5, 2]]))
-    np.testing.assert_array_equal(labels, [0, 1, 0])
 
 
 def test_referenced_vertices() -> None:

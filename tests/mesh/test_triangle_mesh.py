@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import copy
-import pickle
 from collections.abc import Callable
 from typing import Any
 
@@ -38,13 +36,6 @@ def test_vertices_become_contiguous_float64(dtype: str) -> None:
     assert mesh.vertices.flags.c_contiguous
     assert mesh.faces.dtype == np.int64
     np.testing.assert_array_equal(mesh.vertices, POINTS)
-
-
-def test_survives_pickle_and_deepcopy() -> None:
-    mesh = TriangleMesh(POINTS, FACES, vertex_attributes={"u": np.arange(4.0)})
-    for twin in (pickle.loads(pickle.dumps(mesh)), copy.deepcopy(mesh)):
-        np.testing.assert_array_equal(twin.vertices, mesh.vertices)
-        np.testing.assert_array_equal(twin.vertex_attributes["u"], mesh.vertex_attributes["u"])
 
 
 WHOLE = {"vertices": np.zeros((1, 3)), "faces": [[0, 1, 4]], "face_loops": [0]}
