@@ -13,8 +13,7 @@ from spinor_geom.fill.patched_mesh import PatchedMesh
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.find_loops import find_boundary_loops
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
-from tests.fill.sheets import Heights, Mesh, garments, helix, moebius, pipe, ribbons, round_sheet, square, terrain, torn
-from tests.systems import every_second
+from tests.fill.sheets import Heights, Mesh, garments, moebius, pipe, ribbons, round_sheet, square, terrain
 
 VESSELS: dict[str, Heights] = {
     "cone, 50°": lambda x, y: np.hypot(x, y) / np.tan(np.radians(40)),
@@ -75,22 +74,9 @@ def test_sheets_have_borders_whether_smooth_or_ragged(name: str, ragged: bool) -
     assert are_borders(square(12 if ragged else 24, SHEETS[name]))[0]
 
 
-@pytest.mark.parametrize("seed", every_second(range(2)))
-@pytest.mark.parametrize("name", SHEETS)
-def test_torn_sheets_have_borders(name: str, seed: int) -> None:
-    assert are_borders(torn(seed, SHEETS[name]))[0]
-
-
 def test_ribbons_and_bands_have_borders() -> None:
     assert [name for name, mesh in ribbons() if not are_borders(mesh)[0]] == []
     assert all(are_borders(moebius(width)) == [True] for width in (0.2, 0.5, 0.8))
-
-
-@pytest.mark.parametrize("width", [0.6, 0.99, 1.0])
-@pytest.mark.parametrize("pitch", [0.5, 2])
-@pytest.mark.parametrize("turns", [1, 3, 5])
-def test_helical_strips_have_borders_even_where_their_turns_touch(turns: int, pitch: float, width: float) -> None:
-    assert are_borders(helix(turns, pitch, width)) == [True]
 
 
 @pytest.mark.parametrize("arc", [60, 120, 180])

@@ -14,7 +14,6 @@ from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.patched_mesh import PatchedMesh
 from spinor_geom.mesh.find_loops import find_boundary_loops
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
-from tests.fill.shapes import tube
 
 
 def sheet(height: Callable[[np.ndarray, np.ndarray], np.ndarray] = lambda x, _: 0 * x) -> tuple[np.ndarray, np.ndarray]:
@@ -54,28 +53,6 @@ def test_the_border_of_a_sheet_stays_open_with_the_reason(name: str) -> None:
     assert border.to_dict()["border"]
     with pytest.warns(ImperfectFillWarning, match="was left open: it is the border of a sheet"):
         fill_hole(SHEETS[name])
-
-
-def test_a_border_is_filled_where_it_is_named() -> None:
-    _, report = fill_hole(sheet(), [0, 1], return_report=True)
-    assert report.watertight
-    assert not any(outcome.is_border for outcome in report.loops)
-
-
-def test_a_border_left_open_takes_no_edges_and_meets_no_patches() -> None:
-    vertices, faces = SHEETS["plane"]
-    alone = fill_hole((vertices, faces), 1, return_report=True)[0]
-    beside = fill_hole((vertices, faces), return_report=True)[0]
-    np.testing.assert_array_equal(beside[1], alone[1])
-
-
-@pytest.mark.parametrize(
-    "mesh", [tube(), sheet(lambda x, y: -0.03 * (x**2 + y**2))], ids=["the ends of a tube", "the lid of a cap"]
-)
-def test_lids_that_keep_clear_of_the_mesh_are_no_borders(mesh: tuple[np.ndarray, np.ndarray]) -> None:
-    _, report = fill_hole(mesh, return_report=True)
-    assert report.watertight
-    assert report.complete
 
 
 @pytest.mark.parametrize(("depth", "is_border"), [(0.0, True), (0.5, False)])

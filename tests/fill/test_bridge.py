@@ -151,14 +151,6 @@ def test_a_piece_is_in_a_round_hole_up_to_a_fifth_of_the_diagonal(height: float,
     assert lies_in(piece, hole) == is_in
 
 
-def test_a_piece_that_touches_the_hole_is_no_island() -> None:
-    # seen from its shared corner the L lies in three quarters of all directions
-    hole = BoundaryLoop.from_points([(0, 0, 0), (2, 0, 0), (2, 1, 0), (1, 1, 0), (1, 2, 0), (0, 2, 0)], corners=())
-    piece = np.array([(1, 1, 0), (0.4, 0.9, 0), (0.9, 0.4, 0)])
-    assert not lies_in(BoundaryLoop.from_points(piece, corners=()), hole)
-    assert lies_in(BoundaryLoop.from_points(piece - [0.1, 0.1, 0.0], corners=()), hole)
-
-
 def head_with_eyes(size: float) -> tuple[np.ndarray, np.ndarray]:
     """A ball with two mirrored holes, and an open eyeball behind each, whose rim has a size relative to theirs."""
     ball = trimesh.creation.icosphere(subdivisions=3)
@@ -206,35 +198,6 @@ def test_several_islands_in_one_hole_are_joined() -> None:
     # the rims of the plate and of the pieces' own holes are left
     assert len(find_boundary_loops(TriangleMesh(*filled))) == 1 + 3
     np.testing.assert_array_equal(filled[0][: len(mesh[0])], mesh[0])
-
-
-def branches(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Tubes of radius ½ that end where they would come together."""
-    angle = 2 * np.pi * np.arange(SIDES) / SIDES
-    pieces = []
-    for turn in 2 * np.pi * np.arange(count) / count:
-        along, across = np.array([np.cos(turn), np.sin(turn), 0.0]), np.array([-np.sin(turn), np.cos(turn), 0.0])
-        circle = 0.5 * (np.cos(angle)[:, None] * across + np.sin(angle)[:, None] * [0.0, 0.0, 1.0])
-        vertices = np.concatenate([circle + 0.45 * along, circle + along])
-        pieces.append((vertices, ring(1.0, 2.0)[1]))
-    return together(*pieces)
-
-
-def test_the_crotch_of_a_fork_is_bridged() -> None:
-    mesh = branches(3)
-    loops = find_boundary_loops(TriangleMesh(*mesh))
-    inner = [place for place, loop in enumerate(loops) if np.linalg.norm(loop.centroid) < 0.7]
-    filled, report = fill_hole(mesh, bridge=inner, return_report=True)
-    outcomes = [report.loops[place] for place in inner]
-    assert all(outcome.converged for outcome in outcomes)
-    assert outcomes[0].solution is not None
-    assert outcomes[0].solution.stability.verdict == "stable"
-    assert outcomes[0].self_intersections == outcomes[0].mesh_intersections == 0
-    # the three far ends are left, and disks on them close it
-    assert len(find_boundary_loops(TriangleMesh(*filled))) == 3
-    closed, after = fill_hole(filled, (0, 1, 2), return_report=True)
-    assert after.watertight
-    assert is_watertight(closed[1])
 
 
 def terrain(start: float, rows: int, seed: int) -> tuple[np.ndarray, np.ndarray]:

@@ -30,10 +30,9 @@ from spinor_geom.fill.fill_result import LoopOutcome
 from spinor_geom.fill.loop_choice import boundary_loops
 from spinor_geom.fill.patched_mesh import PatchedMesh
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.topology import is_watertight
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import Patch
-from tests.fill.shapes import cone, cylinder, fan, rounds_and_rows, tube, without
+from tests.fill.shapes import cone, cylinder, rounds_and_rows, without
 
 Mesh = tuple[np.ndarray, np.ndarray]
 
@@ -103,15 +102,6 @@ def test_caps_of_spheres_come_back(sphere: Mesh, height: float) -> None:
     # as the sphere's own edges bend: 5.5°
     assert continuation.after.rms < 8 < continuation.before.rms
     assert continuation.after.largest < 30
-
-
-def test_more_than_half_a_sphere_comes_back() -> None:
-    mesh = without(icosphere(3), centres(icosphere(3))[:, 2] > -0.2)
-    new, outcome = continued(mesh, loop=0)
-    assert outcome.continuation is not None
-    # the film turns back over the mesh
-    assert outcome.continuation.before.rms > 90
-    assert rms(heights(new)) < 0.02
 
 
 def test_windows_in_cylinders_and_tori_are_closed_round() -> None:
@@ -185,17 +175,6 @@ def test_a_tube_goes_on_as_a_tube(half: float, start: str, error: float) -> None
         assert not fill_hole(mesh, bridge=places, return_report=True)[1].closed
 
 
-def test_a_mesh_as_regular_as_can_be_goes_on() -> None:
-    """H is equal up to rounding along each ring of a can, and different on the next ring."""
-    vertices, faces = tube()
-    rim = np.arange(32, 48)
-    lid = np.column_stack([rim, np.roll(rim, -1), np.full(16, 48)])
-    can = np.vstack([vertices, [[0, 0, vertices[:, 2].max() + 0.4]]]), np.vstack([faces, lid])
-    (_, _), report = fill_hole(can, continuity="C1", return_report=True)
-    assert [outcome.kind for outcome in report.loops] == ["smooth"]
-    assert report.watertight
-
-
 def test_a_border_near_the_rim_does_not_hold_the_patch_back() -> None:
     sphere = icosphere(4)
     x, y, z = centres(sphere).T
@@ -205,17 +184,6 @@ def test_a_border_near_the_rim_does_not_hold_the_patch_back() -> None:
     new, outcome = continued(mesh, loop=rim)
     assert outcome.kind == "smooth"
     assert rms(heights(new)) < 1e-3
-
-
-def test_two_rims_may_share_their_rings() -> None:
-    sphere = icosphere(4)
-    middles = np.array([[np.sin(0.35), 0, np.cos(0.35)], [-np.sin(0.35), 0, np.cos(0.35)]])
-    near = np.linalg.norm(centres(sphere)[:, None] - middles, axis=2).min(axis=1) < 0.3
-    mesh = without(sphere, near)
-    (vertices, faces), report = fill_hole(mesh, continuity="C1", return_report=True)
-    assert [outcome.kind for outcome in report.loops] == ["smooth", "smooth"]
-    assert is_watertight(faces)
-    assert rms(heights(vertices[len(mesh[0]) :])) < 1e-3
 
 
 def cube(cells: int = 12) -> Mesh:
@@ -315,16 +283,6 @@ def test_what_crosses_the_mesh_is_not_called_smooth(low: float, kind: str) -> No
         assert not outcome.intersections
 
 
-def test_a_discrete_patch_is_continued_too() -> None:
-    sphere = trimesh.creation.uv_sphere(count=[32, 48])
-    mesh = np.asarray(sphere.vertices), np.asarray(sphere.faces)
-    # teeth as long as the sphere's slender triangles: no exact surface meets them
-    new, outcome = continued(without(mesh, centres(mesh)[:, 2] > 0.85))
-    assert outcome.continuation is not None
-    assert (outcome.kind, outcome.continuation.started_from, outcome.solution) == ("smooth", "discrete", None)
-    assert rms(heights(new)) < 1e-3
-
-
 def test_if_no_continuation_is_found_the_minimal_surface_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     mesh = without(icosphere(2), centres(icosphere(2))[:, 2] > 0.7)
 
@@ -370,14 +328,6 @@ def test_a_continuation_with_a_defect_is_kept_only_if_it_crosses_less(
     else:
         assert (outcome.kind, outcome.converged) == ("minimal", True)
         assert "after 7 steps the next" in outcome.remarks[0]
-
-
-def test_a_finer_mesh_without_inner_vertices_has_nothing_to_move(monkeypatch: pytest.MonkeyPatch) -> None:
-    mesh = without(icosphere(3), centres(icosphere(3))[:, 2] > -0.4)
-    loop, film, collar = with_film(mesh)
-    monkeypatch.setattr("spinor_geom.fill.continuation.remesh", lambda *_, **__: fan(loop))
-    moved = continue_patch(film, collar, GRADED)
-    assert len(moved.patch.vertices) > len(loop)
 
 
 @pytest.mark.parametrize("error", [SingularMatrixError(size=5), TooManyPointsError("too many points")])

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from spinor_geom.adapters import read_mesh
 from spinor_geom.errors import SelfCrossingLoopError
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.fill_result import FillResult, LoopOutcome
@@ -25,8 +22,6 @@ from spinor_geom.meshing.embed import Patch
 from spinor_geom.plateau import solve_plateau
 from tests.fill.shapes import collar, cone, figure_eight, linked_rings, spiked_tetrahedron, trefoil, tube
 from tests.strategies import SEEDS, HoledDisk, RigidMotion, holed_disks, rigid_motions
-
-DATA = Path(__file__).parents[2] / "data"
 
 
 def loop_with(vertex: int, loops: list[BoundaryLoop]) -> int:
@@ -65,13 +60,6 @@ def test_a_figure_eight_has_no_exact_surface_and_its_crossing_edges_are_named() 
         solve_plateau(loop)
     assert caught.value.edges == ((31, 32), (63, 0))
     assert caught.value.count == 1
-
-
-def test_a_figure_eight_that_passes_over_itself_is_filled() -> None:
-    lifted = figure_eight(48, 0.5)
-    lifted[:, 2] = 0.4 * lifted[:, 1] + 0.3 * np.cos(2 * np.pi * (np.arange(48) + 0.5) / 48)
-    _, outcome = filled_at(collar(lifted, np.array([0, 0, 0.2])), 0, tolerance=1e-2)
-    assert outcome.filled, outcome.reason
 
 
 def test_a_hole_with_a_slit_at_its_edge_is_closed_by_triangles() -> None:
@@ -129,17 +117,6 @@ def test_a_spike_whose_tip_is_on_the_patch_crosses_it_and_one_just_below_does_no
     assert report.intersection_free is (height < 0)
 
 
-def test_a_spike_through_a_patch_of_many_faces_is_found() -> None:
-    vertices, faces = tube()
-    spike = np.array([[0.3, 0.2, 1.2], [0.35, 0.2, 0.8], [0.2, 0.25, 0.8]])
-    mesh = np.concatenate([vertices, spike]), np.concatenate([faces, [[48, 49, 50]]])
-    report, outcome = filled_at(mesh, 32)
-    new_vertices, new_faces = report.mesh
-    pairs = intersections_between(new_vertices, new_faces[len(mesh[1]) :], new_vertices, mesh[1])
-    assert outcome.mesh_intersections == len(pairs) > 0
-    assert (pairs[:, 1] == len(faces)).all()
-
-
 def test_patches_of_two_loops_that_cross_are_counted_once() -> None:
     report, _ = filled_at(linked_rings(), 0, 64)
     large, small = (report.loops[loop_with(vertex, [o.loop for o in report.loops])] for vertex in (0, 64))
@@ -153,52 +130,7 @@ def test_patches_of_two_loops_that_cross_are_counted_once() -> None:
     assert large.self_intersections == small.self_intersections == 0
 
 
-def test_counts_and_notes_are_in_the_report_and_in_the_callback() -> None:
-    reported: list[LoopOutcome] = []
-    mesh = spiked_tetrahedron()
-    place = loop_with(0, boundary_loops(mesh))
-    _, report = fill_hole(mesh, place, return_report=True, on_loop=lambda outcome, _: reported.append(outcome))
-    assert reported == [report.loops[place]]
-    entry = json.loads(json.dumps(report.to_dict(), allow_nan=False))
-    assert entry["intersection_free"] is False
-    counts = ("self_intersections", "mesh_intersections", "patch_intersections")
-    assert [entry["loops"][place][name] for name in counts] == [0, 1, 0]
-    assert entry["loops"][place]["notes"] == list(report.loops[place].notes)
-    assert "crossings" in entry["loops"][place]["timings"]
-
-
 # --- no false alarms --------------------------------------------------------------------------------------------------
-
-
-def plane_with_hole(noise: float, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """A ring in the plane z = 0 around a ragged hole of 40 vertices."""
-    t = 2 * np.pi * np.arange(40) / 40
-    random = np.random.default_rng(seed)
-    radius = 1 + noise * (2 * np.pi / 40) * random.normal(size=40)
-    rim = np.column_stack([radius * np.cos(t), radius * np.sin(t), np.zeros(40)])
-    return collar(rim, 1.5 * np.column_stack([np.cos(t), np.sin(t), np.zeros(40)]) - rim * 0.2)
-
-
-@pytest.mark.parametrize("noise", [0.0, 0.15])
-@pytest.mark.parametrize("tilted", [False, True])
-def test_a_plane_hole_in_a_plane_mesh_crosses_nothing(noise: float, tilted: bool) -> None:
-    vertices, faces = plane_with_hole(noise)
-    if tilted:
-        vertices = vertices @ np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
-    report, outcome = filled_at((vertices, faces), 0)
-    assert outcome.filled
-    assert outcome.notes == ()
-    assert report.intersection_free
-
-
-@pytest.mark.parametrize(
-    ("name", "places"), [("trimesh_reference.obj", [0, 1]), ("plane_holes.obj", [1, 2, 20]), ("spot_cut.obj", [2, 60])]
-)
-def test_patches_of_real_meshes_cross_nothing(name: str, places: list[int]) -> None:
-    _, report = fill_hole(read_mesh(DATA / name), places, return_report=True)
-    assert all(report.loops[place].filled for place in places)
-    assert report.intersection_free
-    assert all(outcome.remarks == () for outcome in report.loops)
 
 
 def star(disk: HoledDisk, loop: BoundaryLoop) -> Patch:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from time import perf_counter
 
 import numpy as np
 import pytest
@@ -83,12 +82,6 @@ def test_without_time_a_loop_has_no_exact_surface(corners: tuple[int, ...]) -> N
     assert answer.converged
 
 
-def test_a_plane_loop_needs_no_time() -> None:
-    loop = BoundaryLoop.from_points(wavy(40) * [1, 1, 0])
-    (answer,) = solve_plateau_batch([loop], time_limit=1e-9)
-    assert isinstance(answer, PlateauSolution)
-
-
 @pytest.mark.parametrize("continuity", ["C0", "C1"])
 def test_without_time_an_exact_surface_is_kept_and_its_mesh_is_coarse(continuity: Continuity) -> None:
     mesh = collar(wavy(400) * [1, 1, 0], np.array([0, 0, 0.3]))
@@ -122,14 +115,6 @@ def test_a_discrete_patch_has_as_many_vertices_as_its_time_allows() -> None:
     assert len(patch.vertices) < 20_000
     with time_limit(1e3):
         assert discrete_patch(loop, coarse)[0].is_complete
-
-
-def test_a_loop_that_would_take_minutes_is_closed_when_its_time_is_over() -> None:
-    mesh = collar(wavy(150, noise=1.5), np.array([0, 0, 0.5]))
-    start = perf_counter()
-    _, report = fill_hole(mesh, 0, time_limit=1.0, return_report=True)
-    assert perf_counter() - start < 60  # a second and the steps that were under way, on any machine
-    assert report.loops[0].filled
 
 
 @pytest.mark.parametrize(("missed", "is_usable"), [(0.08, True), (0.15, False)])
@@ -178,17 +163,6 @@ def test_a_rim_too_long_for_its_own_edges_is_left_open_and_costs_the_other_holes
     _, report = fill_hole(mesh, return_report=True)
     assert {len(outcome.loop): outcome.filled for outcome in report.loops} == {400: False, 40: True}
     assert "give a longer target_edge_length" in next(each.reason for each in report.loops if not each.filled)
-
-
-def test_the_width_of_a_long_tube_does_not_matter() -> None:
-    areas = []
-    for width in (1e-30, 1e-10):
-        mesh = collar(width * wavy(24), np.array([0, 0, 0.5]))
-        _, report = fill_hole(mesh, 0, continuity="C1", return_report=True)
-        assert report.loops[0].kind == "smooth"
-        areas.append(report.loops[0].area / width**2)
-    # Newton's method stops at a tolerance of 0.01 of an edge, and then the thin triangles are remeshed differently
-    assert areas[0] == pytest.approx(areas[1], rel=1e-2)
 
 
 @pytest.mark.parametrize("gap", [0.01, 0.001])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spinor_geom.errors import ForeignLoopError, LoopIndexError, OptionError, UnknownMeshTypeError
+from spinor_geom.errors import ForeignLoopError, LoopIndexError
 from spinor_geom.fill.fill_options import Choice
 from spinor_geom.fill.loop_choice import boundary_loops, chosen_indices, free_rim, reasons_to_leave_open
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
@@ -23,15 +23,6 @@ def test_boundary_loops_of_a_pair_of_arrays_are_longest_first(loops: list[Bounda
     assert set(loops[0].vertex_ids) == set(range(16))
 
 
-def test_boundary_loops_of_an_unknown_type_names_the_known_ones() -> None:
-    with pytest.raises(UnknownMeshTypeError, match="TriangleMesh"):
-        boundary_loops(object())
-
-
-def test_all_means_every_loop(loops: list[BoundaryLoop]) -> None:
-    assert chosen_indices("all", loops) == [0, 1]
-
-
 def test_places_may_be_one_or_several_in_any_order(loops: list[BoundaryLoop]) -> None:
     assert chosen_indices(1, loops) == [1]
     assert chosen_indices(np.int64(1), loops) == [1]
@@ -43,12 +34,6 @@ def test_places_may_be_one_or_several_in_any_order(loops: list[BoundaryLoop]) ->
 def test_an_index_of_no_loop_is_named(loops: list[BoundaryLoop], place: int | list[int]) -> None:
     with pytest.raises(LoopIndexError, match="there are 2"):
         chosen_indices(place, loops)
-
-
-@pytest.mark.parametrize("choice", ["longest", 1.5, [0.5], None])
-def test_a_choice_of_another_kind_is_refused(loops: list[BoundaryLoop], choice: object) -> None:
-    with pytest.raises(OptionError, match="loop must be 'all'"):
-        chosen_indices(choice, loops)  # type: ignore[arg-type]
 
 
 def test_a_loop_is_found_from_any_start(loops: list[BoundaryLoop]) -> None:

@@ -71,10 +71,3 @@ def test_types_that_cannot_be_merged_are_refused() -> None:
     for mesh in (Own(), trimesh.Scene([trimesh.Trimesh(*soup(), process=False)])):
         with pytest.raises(OptionError, match="cannot merge vertices"):
             fill_hole(mesh, merge=True)
-
-
-def test_merging_what_fits_changes_nothing() -> None:
-    vertices, faces = tube()
-    made = merged((vertices, faces), 0.0)
-    np.testing.assert_array_equal(made[0], vertices)
-    np.testing.assert_array_equal(made[1], faces)

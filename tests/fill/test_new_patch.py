@@ -47,13 +47,3 @@ def test_the_same_hole_gets_the_same_patch(name: str, continuity: Literal["C0", 
         assert found.converged == outcome.converged
         assert found_area / scale**2 == pytest.approx(area, rel=allowed_of_mesh)
         assert found.area / scale**2 == pytest.approx(outcome.area, rel=allowed)
-
-
-@pytest.mark.parametrize("continuity", ["C0", "C1"])
-def test_copies_by_powers_of_two_are_equal_bit_for_bit(continuity: Literal["C0", "C1"]) -> None:
-    vertices, faces = bucket(POLYGONS["noisy"](np.random.default_rng(4)))
-    (one, one_faces), (other, other_faces) = (
-        fill_hole((scale * vertices, faces), continuity=continuity) for scale in (1.0, 4.0)
-    )
-    np.testing.assert_array_equal(4 * one, other)
-    np.testing.assert_array_equal(one_faces, other_faces)

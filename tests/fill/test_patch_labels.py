@@ -13,7 +13,6 @@ from spinor_geom.adapters import read_mesh
 from spinor_geom.adapters.ply import read_records
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.render.shapes import shape_of
-from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS
 from tests.fill.shapes import obj_text, tube
 
 
@@ -44,24 +43,6 @@ def test_a_new_ply_file_has_the_patch_of_each_face(tmp_path: Path) -> None:
     other = trimesh.load(target, process=False)
     np.testing.assert_array_equal(other.faces, again.mesh.faces)
     np.testing.assert_array_equal(other.metadata["_ply_raw"]["face"]["data"]["patch"].ravel(), wanted)
-
-
-def test_polygons_of_unlike_size_have_their_patches_in_ply(tmp_path: Path) -> None:
-    source = write_obj(tmp_path / "cube.obj", np.asarray(CUBE_POINTS, dtype=float), np.asarray(CUBE_QUADS[:5]))
-    filled, report = fill_hole(source, return_report=True)
-    filled.write(tmp_path / "filled.ply")
-    again = read_mesh(tmp_path / "filled.ply")
-    assert again.polygons.rows() == filled.polygons.rows()
-    face = read_records((tmp_path / "filled.ply").read_bytes()).elements["face"]
-    np.testing.assert_array_equal(face.values["patch"], [-1] * 5 + [0] * report.loops[0].faces_added)
-
-
-def test_a_ply_file_that_is_appended_to_keeps_its_records(tmp_path: Path) -> None:
-    target = tmp_path / "tube.ply"
-    read_mesh(write_obj(tmp_path / "tube.obj", *tube())).write(target)
-    assert b"patch" not in target.read_bytes()
-    fill_hole(target).write(tmp_path / "filled.ply")
-    assert b"property int patch" not in (tmp_path / "filled.ply").read_bytes()
 
 
 @pytest.mark.parametrize("suffix", [".vtp", ".vtk"])
