@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from spinor_geom import ArraySurface, solve_plateau
+from spinor_geom import solve_plateau
 from spinor_geom.arrays import NUMPY
 from spinor_geom.domain.plane_domain import PlaneDomain, panel_breaks
 from spinor_geom.domain.quadrature import Panels
@@ -15,7 +15,7 @@ from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.curve_tensors import CurveTensors
 from spinor_geom.plateau.network.discretisation import ModulusFields
 from spinor_geom.plateau.network.network_problem import NetworkProblem, path_across
-from tests.plateau.rims import SKEW_AREA, linked, ring, sampled, skew
+from tests.plateau.rims import SKEW_AREA, ring, sampled, skew
 
 
 def lifted_ellipse():
@@ -67,25 +67,6 @@ def test_period_is_closed_and_both_rims_are_met():
         assert away.max() < 1e-3 * rim.loop.mean_edge_length
     z = solution.domain.triangulation.points[solution.domain.triangulation.boundary_size :]
     assert np.abs(surface.mean_curvature(z)).max() * np.sqrt(solution.area) < 1e-8
-
-
-@pytest.mark.slow
-def test_spinors_that_change_their_sign():
-    first, second = (sampled(curve, 64) for curve in linked())
-    solution = solve_plateau((first, second), model="cauchy")
-    series = solve_plateau((first, second))
-    assert solution.annulus.spin == series.annulus.spin == "antiperiodic"
-    assert abs(solution.area / series.area - 1) < 1e-4
-    assert solution.annulus.period < 1e-12
-    assert solution.surface.branch_points() == ()
-
-
-def test_files_bring_it_back(tmp_path):
-    surface = slender().surface
-    surface.save(tmp_path / "annulus.safetensors")
-    loaded = ArraySurface.load(tmp_path / "annulus.safetensors")
-    z = surface.domain.triangulation.points
-    np.testing.assert_array_equal(loaded.position(z), surface.position(z))
 
 
 # --- its parts --------------------------------------------------------------------------------------------------------

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import itertools
-import pickle
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 
 from spinor_geom import boundary_loops, gallery, read_mesh
-from spinor_geom.errors import ArgumentTypeError, LoopsMeetError, OptionError, SpinorGeomError, UnknownMeshTypeError
-from spinor_geom.gallery import noisy_loop
+from spinor_geom.errors import LoopsMeetError, OptionError, SpinorGeomError, UnknownMeshTypeError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau import solve_plateau, solve_plateau_batch
 from tests.loops import CONVEX, planar
@@ -46,22 +44,6 @@ def test_every_solution_is_the_one_of_its_loop_alone(seed):
         assert set(solution.timings) == set(alone.timings)
 
 
-def test_solutions_are_the_same_to_the_last_bit_in_bundles_of_any_size():
-    import torch
-
-    loops = [saddle(n, n) for n in (12, 24, 30, 48, 100, 24, 100)]
-    loops[2:2] = [noisy_loop(saddle(n, n), 0.3, seed=n) for n in (40, 30, 60)]
-    every = list(solve_plateau_batch(loops, between="free"))
-    assert {"disk", "vertices"} <= {solution.route for solution in every}
-    parts = (loops[:1], loops[1:4], loops[4:])
-    some = [solution for part in parts for solution in solve_plateau_batch(part, between="free")]
-    for solution, again in zip(every, some, strict=True):
-        assert solution.area == again.area
-        assert solution.boundary_residual == again.boundary_residual
-        for ours, own in zip(solution.surface.parameters(), again.surface.parameters(), strict=True):
-            assert torch.equal(ours, own)
-
-
 def test_errors_are_returned_at_the_indices_of_their_loops():
     loop = saddle(9, 0)
     wrong = {1: BOW_TIE, 3: FOLDED, 4: 3, 6: [loop, loop]}
@@ -94,18 +76,3 @@ def test_small_holes_of_a_real_mesh_take_few_steps_on_the_disk():
         # steps along conformal maps of the disk led nodes to crowd where there were few, and never ended
         assert (solution.route, solution.converged) == ("disk", True)
         assert len(solution.history) <= 20
-
-
-def test_a_solution_holds_no_more_than_its_own_surface():
-    """The data of its computation are as large as those of all loops of the batch, or as the matrices of Ω."""
-    noisy = gallery.noisy_loop(gallery.evenly_sampled(gallery.ellipse(2.0, 0.3), 60), 0.1, seed=1)
-    for solution in solve_plateau_batch([gallery.tennis_seam(0.8).sample(48)] * 8 + [noisy]):
-        numbers = sum(part.numel() for part in solution.surface.state_dict().values())
-        domain = len(pickle.dumps(solution.domain))
-        assert len(pickle.dumps(solution.evidence)) < 64 * numbers + 2 * domain
-
-
-@pytest.mark.parametrize("what", [np.eye(3), gallery.tennis_seam(0.8).sample(48), 3, "mesh.obj"])
-def test_one_curve_instead_of_several_is_refused_at_once(what):
-    with pytest.raises(ArgumentTypeError, match="takes several loops"):
-        solve_plateau_batch(what)

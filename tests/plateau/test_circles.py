@@ -66,11 +66,3 @@ def test_derivatives_of_the_energy():
         np.testing.assert_allclose(
             (after.by_slides - before.by_slides) / (2 * step), hessian[:count, count + k], rtol=1e-4, atol=1e-5
         )
-
-
-def test_a_rotation_of_the_domain_changes_nothing():
-    loops = facing(np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1.0], [-1.0, -0.5, -0.3]]))
-    curves = CurveTensors.batch([CurveTensors.of(BoundaryCurve.from_loop(loop), NUMPY) for loop in loops])
-    slides = np.tile(np.arange(160) / 160, (4, 1))
-    here = HarmonicSurface.of(curves, slides, THREE, 1e-17)
-    assert abs(float(here.gradient[0] @ here.rotation)) < 1e-10 * float(np.linalg.norm(here.gradient))

@@ -112,12 +112,6 @@ def test_lunes_with_narrow_gaps():
     assert solution.area == pytest.approx(AREA_OF_LUNES, rel=2e-5)
 
 
-def test_other_modes_keep_the_surface():
-    found, _ = stationary(plane_roof(), Steps(limit=100))
-    again = found.refitted(found.form.rims.exponents)
-    assert again.energy == pytest.approx(found.energy, rel=1e-7)
-
-
 def _at(degrees):
     return np.array([np.cos(np.radians(degrees)), np.sin(np.radians(degrees)), 0])
 

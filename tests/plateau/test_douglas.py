@@ -32,13 +32,6 @@ FORMS = {"disk": DISK, "ellipse": form_of(ellipse(1.5), 64), "peanut": form_of(P
 every_form = pytest.mark.parametrize("form", FORMS.values(), ids=FORMS.keys())
 
 
-def moebius(t, a):
-    """The angle, in turns, of (w + a)/(1 + āw) at w = e^{2πit}."""
-    w = np.exp(2j * np.pi * t)
-    turn = np.angle((1 + a * w.conj()) / (1 + np.conj(a) * w)) / (2 * np.pi)
-    return t + turn
-
-
 # --- saddles ----------------------------------------------------------------------------------------------------------
 
 
@@ -74,24 +67,6 @@ def test_area_does_not_depend_on_the_domain(form):
     disk = solved(SEAM, form, even(1024), tolerance=1e-10)
     assert disk.gradient < 1e-9
     assert abs(disk.energy / SEAM_AREA - 1) < 1e-10
-
-
-def test_the_slide_of_a_circle_is_the_identity_from_every_start():
-    t = 2 * np.pi * np.arange(64) / 64
-    circle = tensors(BoundaryLoop.from_points(np.stack([np.cos(t), np.sin(t), 0 * t], axis=1)))
-    disk = solved(circle, DISK, even(256) + 0.05 * np.sin(4 * np.pi * even(256)))
-    assert abs(disk.energy / np.pi - 1) < 1e-13
-    # what is left of the slide is a conformal map of the disk: φ is null
-    w = np.exp(2j * np.pi * disk.slide)
-    spectrum = np.abs(np.fft.fft(w)) / 256
-    assert spectrum[128:].max() < 1e-12
-
-
-def test_plane_ellipses_have_their_area():
-    ratio = 2.0
-    curve = tensors(gallery.ellipse(ratio).sample(256))
-    assert abs(solved(curve, DISK, even(1024)).energy / (np.pi * ratio) - 1) < 1e-12
-    assert abs(solved(curve, form_of(ellipse(ratio), 64), even(256)).energy / (np.pi * ratio) - 1) < 1e-12
 
 
 # --- derivatives and steps --------------------------------------------------------------------------------------------
@@ -141,14 +116,6 @@ def test_slide_never_falls_and_energy_is_below_that_of_the_start(seed, curve):
         assert disk.energy <= first * (1 + 1e-12)
 
 
-def test_negligible_falls_of_the_energy_end_it():
-    t = even(480)
-    start = t + 0.05 * np.sin(2 * np.pi * t) + 0.01 * np.sin(10 * np.pi * t)
-    whole, short = (solved(NOISY, DISK, start, tolerance=1e-10, negligible=share) for share in (0.0, np.inf))
-    assert short.steps < whole.steps
-    assert whole.energy <= short.energy
-
-
 @pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
 def test_no_step_is_too_long_for_the_slide_to_increase(size):
     t = even(256)
@@ -157,13 +124,6 @@ def test_no_step_is_too_long_for_the_slide_to_increase(size):
     moved, _ = _line_search(state, size * direction, state.energy)
     assert (increments(moved.slide[0]) > 0).all()
     assert float(moved.energy[0]) <= float(state.energy[0]) * (1 + 1e-12)
-
-
-def test_slide_that_is_a_solution_stays_bit_for_bit():
-    disk = solved(SEAM, DISK, even(256))
-    again = solved(SEAM, DISK, disk.slide, tolerance=1e-10)
-    assert again.steps == 0
-    assert np.array_equal(again.slide, disk.slide)
 
 
 # --- several curves at once -------------------------------------------------------------------------------------------
@@ -195,27 +155,7 @@ def test_curves_of_a_batch_do_not_know_of_each_other(seed, tolerance):
         assert abs(disk.energy / alone.energy - 1) < 1e-9
 
 
-def test_curves_of_a_batch_may_have_other_degrees_and_sizes():
-    curves = [tensors(gallery.tennis_seam(0.8).sample(n)) for n in (12, 64, 200)]
-    assert len({len(curve.coefficients) for curve in curves}) > 1
-    s = np.concatenate([even(50), np.array([-1e-18, 1.0, 0.999999999999, 3.2])])
-    batch = CurveTensors.batch(curves)
-    every = batch.point_and_derivatives(np.tile(s, (3, 1)))
-    for i, curve in enumerate(curves):
-        for values, own in zip(every, curve.point_and_derivatives(s), strict=True):
-            np.testing.assert_allclose(values[i], own)
-
-
 # --- gauge ------------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("a", [0.3, -0.5j, 0.4 - 0.3j])
-def test_start_moved_by_a_conformal_map_of_the_disk_gives_the_same_area(a):
-    straight, moved = (solved(SEAM, DISK, start) for start in (even(256), moebius(even(256), a)))
-    assert abs(moved.energy / SEAM_AREA - 1) < 1e-12
-    assert moved.gradient < 1e-11
-    # nothing of the start's place is lost: it goes to another parametrisation of the same disk
-    assert float(np.abs(moved.slide - straight.slide).max()) > 0.01
 
 
 # --- crowding ---------------------------------------------------------------------------------------------------------

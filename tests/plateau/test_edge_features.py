@@ -1,7 +1,5 @@
 """Features on the edges of a polygon are those of a Cauchy network, with few dense entries."""
 
-import tracemalloc
-
 import numpy as np
 import pytest
 from jaxtyping import Complex
@@ -52,21 +50,3 @@ def test_the_gram_matrix_neglects_only_distant_poles_beyond_linear_terms(feature
     difference = np.tril(some.gram(norm, shares(polygon), own) - matrix)
     # quadratic terms from 3 edges away: (1/6)³ of a unit, 3.5 times that in H¹, on some edges
     assert np.abs(difference).max() < 8 * (3.5 / 6**3) ** 2 * np.abs(matrix).max()
-
-
-def test_the_gram_matrix_of_near_poles_takes_linear_memory() -> None:
-    # teeth so long that the poles of most edges are near each other
-    n, depth = 240, 40.0
-    teeth = 1 + depth * (np.arange(n) % 2)
-    polygon = np.exp(2j * np.pi * np.arange(n) / n) * teeth
-    poles, z = polygon_poles(polygon), nodes_on_edges(polygon, NODES)
-    _, polynomials = arnoldi_basis(z.ravel(), np.full(z.size, 1 / z.size), 24)
-    some = EdgeFeatures.on(polygon, polynomials.reshape(n, NODES, -1), poles.positions, poles.scales)
-    near = some.near.shape[2]
-    assert near > 200
-    tracemalloc.start()
-    some.gram(_norm_of_edge(NODES, NUMPY) + 0j, shares(polygon), slice(0, some.count))
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    # not the products of all pairs on all edges at once
-    assert peak < n * near**2 * 16

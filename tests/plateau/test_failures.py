@@ -18,7 +18,6 @@ from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau import solve_plateau, solve_plateau_batch
 from spinor_geom.plateau.curve_tensors import CurveTensors
 from spinor_geom.plateau.harmonic.harmonic_route import FLATTENING, UNIT_DISK, HarmonicSolver
-from spinor_geom.plateau.harmonic.lift import _each_solved
 from spinor_geom.plateau.network.discretisation import Discretisation
 from spinor_geom.plateau.network.gauss_newton import gauss_newton
 from spinor_geom.plateau.network.network_route import NetworkSolver
@@ -30,7 +29,6 @@ from spinor_geom.plateau.steps import Steps
 from spinor_geom.plateau.threads import one_thread
 from spinor_geom.plateau.vertices import vertex_route
 from tests.loops import noisy_ellipse
-from tests.plateau.rims import coaxial, sampled
 from tests.strategies import SEEDS
 
 SMOOTH = gallery.enneper(0.8).rim(24)
@@ -89,12 +87,6 @@ def test_gauss_newton_ends_where_the_energy_is_not_finite(value: float) -> None:
     assert not fit.residual < 1
 
 
-def test_a_singular_system_does_not_change_the_others() -> None:
-    matrices = np.stack([np.eye(3), np.zeros((3, 3)), 2 * np.eye(3)])
-    solved = _each_solved(matrices, np.ones((3, 3)))
-    assert solved[[0, 2]].tolist() == [3 * [1.0], 3 * [0.5]]
-
-
 @settings(max_examples=2)
 @given(seed=SEEDS)
 def test_cracks_hairs_and_coincident_points_raise_nothing_untyped(seed: int) -> None:
@@ -115,19 +107,3 @@ def test_cracks_hairs_and_coincident_points_raise_nothing_untyped(seed: int) -> 
     for options in ({"between": "free"}, {"model": "cauchy"}, {"model": "series"}):
         answers = list(solve_plateau_batch(loops, time_limit=1.0, max_iterations=20, **options))
         assert len(answers) == len(loops)
-
-
-def test_each_of_all_annuli_has_the_steps_and_the_time_of_its_own() -> None:
-    first, second = coaxial(0.5)
-    calls = []
-    solutions = solve_plateau(
-        (sampled(first, 12), sampled(second, 10)), all_solutions=True, tolerance=1e-9, on_iteration=calls.append
-    )
-    assert len(solutions) > 1
-    histories = [solution.history for solution in solutions]
-    search = sum(all(step is history[k] for history in histories) for k, step in enumerate(min(histories, key=len)))
-    # the search's steps, which all share, and those of each
-    assert sum(len(history) - search for history in histories) + search == len(calls)
-    assert sum(len(history) > search for history in histories) > 1
-    assert all([step.index for step in history] == list(range(1, len(history) + 1)) for history in histories)
-    assert len({solution.solve_timings["lift"] for solution in solutions}) == len(solutions)

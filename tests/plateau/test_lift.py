@@ -8,7 +8,6 @@ import pytest
 from spinor_geom import gallery
 from spinor_geom.arrays import NUMPY
 from spinor_geom.domain import FourierBoundary, PlaneDomain
-from spinor_geom.errors import SurfaceError
 from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.holomorphic.interpolant import CauchyInterpolant
 from spinor_geom.holomorphic.laurent import LaurentSeries
@@ -22,7 +21,6 @@ from spinor_geom.plateau.harmonic.lift import lifted_between, lifted_together
 from spinor_geom.plateau.harmonic.lifted_surface import circles_of, domain_of, surface_of
 from spinor_geom.plateau.harmonic.traces import with_between_nodes
 from spinor_geom.plateau.rims.energy import HarmonicSurface
-from spinor_geom.plateau.threads import one_thread
 from spinor_geom.surface.array_surface import ArraySurface
 from spinor_geom.surface.formulas import phi
 from tests.exact_solutions import ENNEPER
@@ -186,16 +184,6 @@ def test_corrections_bring_the_surface_nearer_and_end_where_it_is_near_enough():
     assert best.misfit.rms <= between.misfit.rms <= 2 * best.misfit.rms
 
 
-def test_more_nodes_bring_the_surface_nearer():
-    form = form_of(ellipse(2.0), 128)
-    distances = []
-    for n in (160, 320, 640, 1280):
-        curve, disk = rough_disk(form, n)
-        distances.append(lifted(disk, form, curve, allowed=0.0).misfit.rms)
-    assert distances[-1] < 0.05 * distances[0]
-    assert (np.diff(distances) < 0).all()
-
-
 # --- several rims -----------------------------------------------------------------------------------------------------
 
 RING = CircularDomain.annulus(1.2)
@@ -261,37 +249,7 @@ def test_rims_settle_and_stay_closed(name):
         assert np.abs(residues[:, 2].imag).max() < 1e-15
 
 
-def test_branch_point_of_odd_order_between_rims_is_refused():
-    _, curves, harmonic = between("catenoid", 128)
-    z = RING.circles(128)
-    # ∫ (z − ½)(1, −i, 0) dz with one zero in the ring: its root changes its sign around the outer circle alone
-    integral = z**2 / 2 - 0.5 * z
-    points = np.stack([integral.real, integral.imag, np.zeros_like(integral.real)], axis=-1)
-    with pytest.raises(SurfaceError, match="branch point of odd order"):
-        lifted_between(harmonic.domain, points, harmonic.slides, curves, allowed=1e-8)
-
-
 # --- several disks at once --------------------------------------------------------------------------------------------
-
-
-def test_disks_of_a_batch_do_not_know_of_each_other():
-    curves = [tensors(gallery.random_curve(seed).sample(40 + 7 * seed)) for seed in range(4)]
-    curves += [tensors(noisy_ellipse(80, amount=0.1))]
-    slides = [solved(curve, DISK, even(256), tolerance=1e-6, max_steps=40) for curve in curves]
-    # some are settled, some are not
-    allowed = [1e-4, 1e-9, 1.0, 1e-6, 1e-5]
-    with one_thread():
-        together = lifted_together(slides, DISK, CurveTensors.batch(curves), allowed=allowed)
-    assert sum(lift is not None for lift in together) > 0
-    for curve, disk, limit, lift in zip(curves, slides, allowed, together, strict=True):
-        if lift is None:
-            assert lifted(disk, DISK, curve, allowed=limit) is None
-            continue
-        alone = lifted(disk, DISK, curve, allowed=limit)
-        assert lift.misfit == alone.misfit
-        assert lift.area == alone.area
-        for name, ours in lift.model.arrays.items():
-            np.testing.assert_array_equal(ours, alone.model.arrays[name])
 
 
 # --- between the nodes ------------------------------------------------------------------------------------------------

@@ -75,13 +75,6 @@ def test_rough_loop_is_reported_to_limit_a_full_network():
 
 
 @pytest.mark.usefixtures("small_networks")
-def test_corners_are_reported_to_limit_a_fit_that_is_worst_there():
-    solution = solve_plateau(gallery.l_shape(rise=0.25).sample(64), tolerance=1e-10)
-    assert not solution.converged
-    assert "% of the squared distance lies within an edge of the loop's corners" in solution.reason
-
-
-@pytest.mark.usefixtures("small_networks")
 @pytest.mark.parametrize("error", [DomainError("folded"), SingularMatrixError(size=3)], ids=["domain", "matrix"])
 def test_first_fit_stands_where_no_finer_disk_can_be_made(monkeypatch, error):
     def fails(*_):
@@ -115,10 +108,3 @@ def test_moduli_are_reported_to_limit_a_fit_whose_domain_would_fold(monkeypatch)
     assert solution.boundary_residual.rms_per_edge < 0.1
     assert "the domain folds" in solution.reason
     assert "conformal moduli" in solution.reason
-
-
-def test_smooth_loop_is_reported_to_gain_nothing_by_more_units():
-    solution = solve_plateau(gallery.twisted_circle().sample(32), tolerance=1e-13, model="cauchy")
-    assert not solution.converged
-    assert "more features would not meet the tolerance" in solution.reason
-    assert "rough" not in solution.reason

@@ -69,13 +69,6 @@ def test_parameter_and_slide_increase_and_are_inverse_to_each_other(points, seed
         np.testing.assert_allclose(forth(x + 1), forth(x) + 1, atol=1e-13)
 
 
-def test_on_a_circle_of_equal_edges_the_parameter_is_the_slide():
-    t = 2 * np.pi * np.arange(64) / 64
-    density = density_of(BoundaryLoop.from_points(np.stack([np.cos(t), np.sin(t), 0 * t], axis=1)))
-    s = np.linspace(-1, 2, 100)
-    np.testing.assert_allclose(density.slide(s), s, atol=1e-10)
-
-
 def test_steps_are_shorter_at_bends_and_among_many_vertices():
     tips = density_of(LOOPS["saddle 8:1"])
     width = np.diff(tips.curve.length_share(tips.slide(np.linspace(0, 1, 257))))

@@ -182,11 +182,6 @@ def test_time_that_is_over_ends_the_plan():
     assert not second.asked
 
 
-def test_another_error_is_no_failure_of_a_route():
-    with pytest.raises(RuntimeError, match="broken"):
-        nearest_surface((Fake(RuntimeError("broken")), Fake(MET)), problem_of(SMOOTH))
-
-
 def test_the_limit_on_steps_holds_for_the_whole_plan():
     steps = []
     solution = solve_plateau(SMOOTH, tolerance=1e-15, max_iterations=5, on_iteration=steps.append)

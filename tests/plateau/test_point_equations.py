@@ -69,20 +69,6 @@ def test_single_precision_is_corrected(monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(single.directions) == count
 
 
-def test_rough_rims_are_met_alike_in_both_precisions(monkeypatch: pytest.MonkeyPatch) -> None:
-    t, rng = 2 * np.pi * np.arange(120) / 120, np.random.default_rng(3)
-    points = np.column_stack([2 * np.cos(t), np.sin(t), 0.3 * np.sin(2 * t)]) + 0.02 * rng.normal(size=(120, 3))
-    loop = BoundaryLoop.from_points(points, corners=[])
-    double = sg.solve_plateau(loop, between="free")
-    monkeypatch.setattr(point_equations, "_MANY", 0)
-    single = sg.solve_plateau(loop, between="free")
-    assert double.converged
-    assert single.converged
-    assert single.route == double.route == "vertices"
-    # both are within 1e-3 of an edge of the points, and as near to the start
-    assert single.area == pytest.approx(double.area, rel=1e-4)
-
-
 def test_saw_teeth_are_met() -> None:
     """Of 20°, on a wavy circle: damping of the edges alone keeps half an edge."""
     n = 100

@@ -12,7 +12,7 @@ from spinor_geom.plateau import solve_plateau
 from spinor_geom.plateau.misfit import LOCAL_TOLERANCES
 from tests.loops import noisy_ellipse, planar, ramp
 from tests.plateau.rims import circle, knoid
-from tests.plateau.solved import measured, recovered, spanned
+from tests.plateau.solved import measured, spanned
 from tests.systems import every_second
 
 
@@ -34,13 +34,6 @@ def test_reported_residual_is_the_measured_one(solve):
     rounding = 1e-9 * solution.loop.diagonal
     assert abs(rms - reported.rms) < 0.1 * reported.rms + rounding
     assert abs(largest - reported.max) < 0.2 * reported.max + 10 * rounding
-
-
-@pytest.mark.parametrize("name", [pytest.param("half catenoid", marks=pytest.mark.slow), "half helicoid"])
-def test_reported_residual_with_corners_is_not_too_small(name):
-    solution = recovered(name)
-    rms, _ = measured(solution.surface, solution.curve)
-    assert rms < 1.2 * solution.boundary_residual.rms + 1e-8 * solution.loop.diagonal
 
 
 TRIANGLE = BoundaryLoop.from_points([(0, 0, 0), (5, 0, 0), (0, 1, 0)], corners=range(3))

@@ -11,8 +11,7 @@ from spinor_geom.arrays import NUMPY
 from spinor_geom.errors import UnresolvedRimsError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.mesh.topology import is_watertight
-from spinor_geom.plateau import Laurent, NoConnectedSurface
+from spinor_geom.plateau import NoConnectedSurface
 from spinor_geom.plateau.annulus import _partitions
 from spinor_geom.plateau.curve_tensors import CurveTensors
 from spinor_geom.plateau.rims import rims_route
@@ -64,15 +63,6 @@ def test_a_piece_of_a_knoid_between_curves_in_formulas():
     assert solution.boundary_residual.max_per_diagonal < 1e-14
 
 
-@pytest.mark.parametrize(("k", "rho"), [case for case, (_, index) in KNOIDS.items() if index == 0])
-def test_stable_pieces_of_knoids_between_points_by_arc_length(k, rho):
-    loops = [evenly_sampled(loop.points, 64) for loop in knoid(k, rho, 1024)]
-    solution = solve_plateau(loops)
-    assert abs(solution.area / KNOIDS[k, rho][0] - 1) < 1e-6
-    kept = solve_plateau(loops, unstable="keep")
-    assert (kept.area, kept.stability.verdict) == (solution.area, "stable")
-
-
 def evenly_sampled(points, count):
     """A loop of equal steps of the arc length of a smooth curve through many points."""
     closed = np.concatenate([points, points[:1]])
@@ -86,23 +76,6 @@ def test_unstable_pieces_of_knoids_are_left_for_less_area(k, rho):
     solution = solve_plateau(knoid(k, rho))
     assert solution.area < KNOIDS[k, rho][0] * (1 - 1e-6)
     assert solution.stability.verdict == "stable"
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("k", "rho"), [case for case, (_, index) in KNOIDS.items() if index > 0])
-def test_unstable_pieces_of_knoids_on_request(k, rho):
-    area, index = KNOIDS[k, rho]
-    stable, unstable = solve_plateau(knoid(k, rho), all_solutions=True)
-    assert stable.stability.verdict == "stable"
-    assert abs(unstable.area / area - 1) < 1e-10
-    assert (unstable.stability.verdict, unstable.stability.index) == ("unstable", index)
-    if (k, rho) != (4, 0.35):  # of index 3 and 1
-        model = Laurent(modulus=unstable.annulus.modulus)
-        kept = solve_plateau(knoid(k, rho), unstable="keep", model=model)
-        assert kept.area == unstable.area
-        assert (kept.stability.verdict, kept.stability.index) == ("unstable", index)
-    if (k, rho) == (3, 0.35):
-        assert solve_plateau(knoid(k, rho), model=model).area == pytest.approx(stable.area, rel=1e-12)
 
 
 @pytest.mark.parametrize("holes", [2, 5, 12])
@@ -124,30 +97,6 @@ def test_plane_rims_inside_each_other_have_no_surface():
 
 
 # --- symmetric surfaces -----------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    "directions", [TETRAHEDRON, pytest.param(CUBE, marks=pytest.mark.slow)], ids=["tetrahedron", "cube"]
-)
-def test_circles_that_face_a_centre(directions):
-    solution = four() if directions is TETRAHEDRON else solve_plateau(facing(CUBE))
-    # where the steps end hangs on rounding: 1e-9 to 4e-9
-    assert solution.boundary_residual.rms_per_edge < 1e-7
-    assert solution.stability.verdict == "stable"
-    assert solution.self_intersections == 0
-    # the flux through all rims is one vector turned: of length F along each direction
-    flux = _fluxes(solution)
-    length = np.linalg.norm(flux, axis=1)
-    np.testing.assert_allclose(flux, length.mean() * directions, atol=1e-8 * length.mean())
-
-
-def _fluxes(solution):
-    """Forces of surface tension on the rims, in the order in which these were given, outwards."""
-    holes = solution.surface.periods().imag
-    force = np.concatenate([-holes.sum(axis=0)[None], holes])[np.argsort(solution.annulus.order)]
-    sign = np.sign((force * [loop.centroid for loop in facing(TETRAHEDRON if len(force) == 4 else CUBE)]).sum(axis=1))
-    assert (sign == sign[0]).all()
-    return sign[0] * force
 
 
 def test_rims_too_far_apart_have_no_surface():
@@ -218,15 +167,6 @@ def test_order_direction_start_position_and_scale_do_not_matter():
         assert abs(solve_plateau(moved).area / (scale**2 * trinoid().area) - 1) < 1e-10
 
 
-def test_directions_are_reported():
-    first, second, third = knoid(3, 0.5)
-    assert len(set(trinoid().annulus.backward)) == 1
-    turned = solve_plateau((first, second.reversed(), third))
-    assert turned.annulus.reversed != trinoid().annulus.reversed
-    assert not turned.annulus.backward[0]
-    assert turned.annulus.backward[1] != turned.annulus.backward[2]
-
-
 # --- the surface ------------------------------------------------------------------------------------------------------
 
 
@@ -245,34 +185,9 @@ def test_surface_closes_and_lies_on_all_rims():
     assert np.abs(surface.mean_curvature(z[four().domain.triangulation.boundary_size :])).max() < 1e-8
 
 
-def test_files_bring_the_surface_back(tmp_path):
-    surface = trinoid().surface
-    surface.save(tmp_path / "trinoid.safetensors")
-    loaded = ArraySurface.load(tmp_path / "trinoid.safetensors")
-    z = surface.domain.triangulation.points
-    np.testing.assert_array_equal(loaded.position(z), surface.position(z))
-    assert loaded.area() == surface.area()
-
-
-def test_mesh_keeps_all_rims_bit_for_bit():
-    solution = four()
-    patch = mesh_patch(solution)
-    loops = [rim.loop for rim in solution.rims]
-    np.testing.assert_array_equal(patch.vertices[: patch.boundary_size], np.concatenate([x.points for x in loops]))
-    assert patch.rims == (64,) * 4
-    assert _euler(patch.faces) == 2 - 4
-    assert abs(patch.area / solution.area - 1) < 5e-3
-    caps = [_fan(range(64 * k, 64 * (k + 1)), len(patch.vertices) + k) for k in range(4)]
-    assert is_watertight(np.concatenate([patch.faces, *caps]))
-
-
 def _euler(faces):
     edges = np.unique(np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
     return len(np.unique(faces)) - len(edges) + len(faces)
-
-
-def _fan(rim, apex):
-    return np.array([[b, a, apex] for a, b in zip(rim, [*rim[1:], rim[0]], strict=True)])
 
 
 # --- errors -----------------------------------------------------------------------------------------------------------
@@ -290,31 +205,6 @@ def noisy(loops, *, noise=0.15, seed=0):
         )
         for loop in loops
     ]
-
-
-# three faces of a cube come so near to each other that places on ∂Ω crowd by 1 : 35
-@pytest.mark.parametrize(
-    ("directions", "count"),
-    [(TETRAHEDRON[:3], 60), (CUBE[:3], 60), pytest.param(TETRAHEDRON, 100, marks=pytest.mark.slow)],
-)
-def test_noisy_rims_are_met_in_their_points(directions, count):
-    solution = solve_plateau(noisy(facing(directions, count=count)))
-    assert solution.route == "vertices"
-    assert solution.converged
-    assert solution.boundary_residual.rms_per_edge < 1e-3
-    # positions by integrals through Ω, not by those along ∂Ω that were fitted
-    for rim in solution.rims:
-        away = np.linalg.norm(solution.surface.position(rim.points_in_domain()) - rim.loop.points, axis=1)
-        assert away.max() < 1e-2 * rim.loop.mean_edge_length
-        assert rim.bulge < 0.5 * rim.loop.mean_edge_length
-    assert solution.annulus.period < 1e-8
-    # noise makes the surface between smooth circles larger, by little
-    smooth = solve_plateau(facing(directions, count=count)).area
-    assert smooth < solution.area < smooth * 1.03
-    patch = mesh_patch(solution)
-    loops = [rim.loop for rim in solution.rims]
-    np.testing.assert_array_equal(patch.vertices[: patch.boundary_size], np.concatenate([x.points for x in loops]))
-    assert _euler(patch.faces) == 2 - len(directions)
 
 
 def test_a_slide_may_begin_a_turn_away():

@@ -17,7 +17,6 @@ from spinor_geom.plateau.disk_search import ThinnedLoop, find_disks, lower_besid
 from spinor_geom.plateau.network import network_route
 from spinor_geom.plateau.steps import Steps
 from tests.exact_solutions import ENNEPER, exact_solution, with_stability
-from tests.loops import noisy_ellipse
 from tests.plateau.solved import distance_to_surface
 
 # What the spline through so many points leaves of the curve's own area, relative to it.
@@ -88,45 +87,6 @@ def test_loops_with_one_disk_have_one(kind, parameter):
     assert is_area(only.area, area)
 
 
-@pytest.mark.parametrize("radius", [1.1, pytest.param(1.5, marks=pytest.mark.slow)])
-def test_ennepers_own_disk_is_the_unstable_one_of_three(radius):
-    *stable, own = all_disks("Enneper", radius)
-    assert [s.stability.index for s in stable] == [0, 0]
-    assert own.stability.verdict == "unstable"
-    assert own.stability.index == 1
-    assert is_area(own.area, gallery.enneper(radius).area)
-    assert is_area(stable[0].area, stable[1].area, 1e-7)
-    assert stable[0].area < own.area
-
-
-@pytest.mark.slow
-def test_helicoid_strips_on_both_sides_of_the_threshold():
-    """Half-width 1.6 and 1.9 of the pitch, a full turn: √3 lies between."""
-    narrow, wide = (gallery.helicoid(r, 1.0, both_sides=True) for r in (1.6, 1.9))
-    solution = solve_plateau(narrow.rim(128))
-    assert solution.stability.verdict == "stable"
-    assert is_area(solution.area, narrow.area, 1e-5)
-    *stable, own = solve_plateau(wide.rim(128), all_solutions=True)
-    assert [s.stability.verdict for s in stable] == ["stable", "stable"]
-    assert own.stability.index == 1
-    assert is_area(own.area, wide.area, 1e-5)
-    assert all(s.area < 0.998 * own.area for s in stable)
-
-
-def test_rough_rims_bound_one_disk_however_it_is_found():
-    (only,) = solve_plateau(noisy_ellipse(60, ratio=1.0, amount=0.15), all_solutions=True, tolerance=1e-2)
-    assert only.stability.verdict == "stable"
-
-
-@pytest.mark.slow
-def test_list_does_not_depend_on_the_first_point():
-    points = seam(0.75, 64).points
-    rolled = solve_plateau(BoundaryLoop.from_points(np.roll(points, 17, axis=0)), all_solutions=True)
-    for a, b in zip(rolled, all_disks("seam", 0.75, 64), strict=True):
-        assert abs(a.area / b.area - 1) < 1e-6
-        assert a.stability.index == b.stability.index
-
-
 # --- ways to other disks ----------------------------------------------------------------------------------------------
 
 
@@ -141,19 +101,6 @@ def test_ridge_between_two_stable_disks_leads_to_the_saddle(monkeypatch):
     (pair,) = list(search.open_pairs())
     search.start(partial(search.ridge, *pair))
     assert [s.stability.index for s in search.result()] == [0, 0, 1]
-
-
-def test_round_positions_converge_to_the_surface():
-    """Ω's harmonic map to the round mesh is a similarity here, so that the surface's positions there are known."""
-    for points in (32, 64, 128):
-        exact = exact_solution(ENNEPER, points)
-        rim = ThinnedLoop(loop=exact.loop, indices=np.arange(points))
-        positions = rim.round_positions(exact)
-        assert np.array_equal(positions[:points], exact.loop.points)
-        z = rim.round_mesh.points / np.abs(rim.round_mesh.points[0])
-        error = np.sqrt(((positions - exact.surface.position(z)) ** 2).sum(axis=1).mean())
-        # order 1, as triangles grow inwards; it is less by chance where both meshes are nearly one
-        assert error < 0.2 / points
 
 
 # --- unstable ---------------------------------------------------------------------------------------------------------
@@ -265,19 +212,6 @@ def test_search_in_which_nothing_is_found_raises_the_first_error(monkeypatch):
     monkeypatch.setattr(disk_search, "first_disk", no_fill)
     with pytest.raises(FirstFillError, match="no fill"):
         find_disks(rim, _fails)
-
-
-def test_search_in_which_nothing_converged_returns_the_nearest_disk():
-    exact = exact_solution(ENNEPER, 32)
-    rim = ThinnedLoop(loop=exact.loop, indices=np.arange(32))
-    residuals = iter([3e-3, 2e-3, 4e-3])
-
-    def poor(disk):
-        residual = replace(exact.boundary_residual, rms=next(residuals))
-        return replace(exact, converged=False, boundary_residual=residual)
-
-    (nearest,) = find_disks(rim, poor)
-    assert nearest.boundary_residual.rms == 2e-3
 
 
 def test_number_of_starts_is_bounded():

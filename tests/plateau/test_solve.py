@@ -9,8 +9,8 @@ from spinor_geom import gallery
 from spinor_geom.errors import OptionError
 from spinor_geom.mesh import interpolation
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.plateau import Cauchy, Iteration, Laurent, solve_plateau, solve_plateau_batch
-from tests.loops import CONVEX, L_SHAPE, planar, polygon_area, ramp
+from spinor_geom.plateau import Cauchy, Iteration, Laurent, solve_plateau
+from tests.loops import CONVEX, L_SHAPE, planar, polygon_area
 from tests.plateau.solved import CURVES, SURFACES, distance_to_surface, recovered, spanned
 
 SMALL = gallery.twisted_circle().sample(40)
@@ -41,13 +41,6 @@ def test_area_converges_at_order_four_where_the_spline_is_cubic(monkeypatch):
         assert solution.curve.kind == "cubic"
         errors.append(abs(solution.area / CURVES["twisted circle"].disks[0].area - 1))
     assert 3.5 < -np.polyfit(np.log(counts), np.log(errors), 1)[0] < 4.5
-
-
-@pytest.mark.parametrize("name", ["tennis seam", "twisted circle"])
-@pytest.mark.parametrize("points", [32, 64, 128])
-def test_area_of_analytic_curves_comes_down_to_rounding_errors(name, points):
-    solution = spanned(name, points, 1e-8)
-    assert abs(solution.area / CURVES[name].disks[0].area - 1) < 2e-13
 
 
 def test_long_saddle_is_followed():
@@ -101,12 +94,6 @@ def test_mean_curvature_vanishes_inside(name):
     assert np.abs(surface.mean_curvature(z)).max() < 1e-6 * scale
 
 
-def test_a_helical_ramp():
-    solution = solve_plateau(ramp(2.2), tolerance=1e-2)
-    assert solution.converged
-    assert solution.boundary_residual.max_per_edge < 0.2
-
-
 # --- what the solution says of itself ---------------------------------------------------------------------------------
 
 
@@ -141,12 +128,6 @@ def test_solution_is_json_ready():
     assert entry["route"] == solution.route == "disk"
     assert set(entry["timings"]) == {"slide", "lift", "surface", "stability", "certificates"}
     assert entry["iterations"] == len(solution.history)
-
-
-def test_stages_of_the_network_are_timed():
-    solution = solve_plateau(SMALL, model="cauchy")
-    assert solution.route == "network"
-    assert set(solution.solve_timings) == {"first fill", "flattening", "features", "fit", "surface"}
 
 
 @pytest.mark.parametrize("unstable", ["leave", "keep"])
@@ -194,15 +175,6 @@ def test_callers_thread_count_is_restored():
         torch.set_num_threads(before)
 
 
-def test_two_runs_are_equal_bit_for_bit():
-    import torch
-
-    first, second = (solve_plateau(SMALL, model="cauchy") for _ in range(2))
-    assert first.area == second.area
-    state = second.surface.state_dict()
-    assert all(torch.equal(tensor, state[name]) for name, tensor in first.surface.state_dict().items())
-
-
 # --- options ----------------------------------------------------------------------------------------------------------
 
 
@@ -228,20 +200,6 @@ NOT_TOGETHER = [
 def test_bad_options_are_refused(options, named):
     with pytest.raises(OptionError, match=named):
         solve_plateau(SMALL, **options)
-
-
-def test_a_trainer_of_another_form_is_refused():
-    from spinor_geom.training import RMSprop
-
-    optimizer = RMSprop(representation="weierstrass-enneper")
-    with pytest.raises(OptionError, match="train_by_rmsprop"):
-        solve_plateau(SMALL, model="mlp", optimizer=optimizer)
-
-
-@pytest.mark.parametrize(("options", "named"), BAD_OPTIONS, ids=lambda value: str(value)[:30])
-def test_batches_refuse_bad_options_before_any_loop(options, named):
-    with pytest.raises(OptionError, match=named):
-        solve_plateau_batch([], **options)
 
 
 @pytest.mark.parametrize(

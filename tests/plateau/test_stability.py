@@ -9,13 +9,12 @@ import pytest
 from spinor_geom import gallery
 from spinor_geom.deadline import time_limit
 from spinor_geom.domain.plane_domain import PlaneDomain
-from spinor_geom.domain.sizes import SizeField
 from spinor_geom.domain.triangulation import triangulate_polygon
 from spinor_geom.errors import OutOfTimeError, SingularMatrixError, SurfaceError
 from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau import solve_plateau
-from spinor_geom.plateau.stability import assess_stability, gauss_image_areas, lowest_modes, stable_by_curvature
+from spinor_geom.plateau.stability import assess_stability, gauss_image_areas, lowest_modes
 from spinor_geom.surface.array_surface import ArraySurface
 from tests.loops import noisy_ellipse
 from tests.sizes import constant_size
@@ -96,14 +95,6 @@ def test_index_counts_every_direction_of_descent():
     assert indices == sorted(indices)
 
 
-def test_branch_point_adds_nothing_to_the_total_curvature():
-    """p = z, q = z² have a common zero at 0 and the Gauss map of Enneper's surface."""
-    for radius, verdict in ((0.5, "stable"), (0.9, "stable"), (1.2, "unstable")):
-        stability = assess_stability(gallery.polynomial([0, 1], [0, 0, 1], radius=radius).surface)
-        assert stability.verdict == verdict
-        assert abs(stability.total_curvature / (4 * np.pi * radius**2 / (1 + radius**2)) - 1) < 1e-3
-
-
 def test_wrinkles_of_a_rough_rim_do_not_make_a_disk_unstable():
     solution = solve_plateau(noisy_ellipse(60, amount=0.2), tolerance=1e-2)
     assert solution.stability.total_curvature > 2 * np.pi
@@ -124,18 +115,6 @@ def test_gauss_image_of_an_octant():
     assert area[0] == -area[1]
 
 
-def test_modes_of_the_hemisphere_are_spherical_harmonics():
-    """On Enneper's unit disk μ = l(l + 1)/2 for the harmonics that vanish on the equator: height, then height·x, ·y."""
-    surface = gallery.enneper(1.0).surface
-    circle = np.exp(2j * np.pi * np.arange(128) / 128)
-    mesh = triangulate_polygon(circle, SizeField(growth=0.05))
-    values, u = lowest_modes(surface, mesh, 3)
-    assert np.allclose(values, [1, 3, 3], rtol=1e-2)
-    height = surface.normal(mesh.points)[:, 2]
-    assert np.abs(u[:, 0] * np.sign(u[:, 0].sum()) - height).max() < 1e-2
-    assert (u[:128] == 0).all()
-
-
 def power(degree: int, factor: float) -> ArraySurface:
     """p = 1 and q a power of z on the unit disk: its normals cover a cap of the sphere as many times."""
     coefficients = np.zeros((degree + 1, 2), dtype=np.complex128)
@@ -154,17 +133,6 @@ def test_powers_that_meshes_do_not_resolve_are_not_stable(degree: int, factor: f
     assert stability.verdict != "stable"
     assert stability.index != 0
     assert stability.total_curvature is None or stability.total_curvature >= 2 * np.pi
-
-
-@pytest.mark.parametrize("degree", [1, 5, 16, pytest.param(63, marks=pytest.mark.slow)])
-def test_powers_over_small_caps_are_stable(degree: int) -> None:
-    """The first eigenvalue is that of the cap, whatever the number of sheets."""
-    assert assess_stability(power(degree, 0.3)).verdict == "stable"
-
-
-@pytest.mark.parametrize("curvature", [(np.nan, 0.0), (1.0, np.nan), (np.nan, np.nan), (-2.68, 0.1), (1.0, np.inf)])
-def test_impossible_curvature_decides_nothing(curvature: tuple[float, float]) -> None:
-    assert stable_by_curvature(curvature) is None
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])

@@ -5,7 +5,6 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 
-import numpy as np
 import pytest
 import torch
 from threadpoolctl import threadpool_info, threadpool_limits
@@ -51,29 +50,6 @@ def test_the_limit_stays_at_one_thread_until_both_blocks_end(first_out: int) -> 
         list(pool.map(run, range(2)))
     assert seen == {"other inside": ({1}, 1), "after the first": 2}
     assert threads_of_blas() == {2}
-
-
-def test_many_threads_in_any_order_have_one_thread_inside() -> None:
-    orders = np.random.default_rng(0).uniform(0, 2e-3, (8, 6))
-    pause = threading.Event()
-
-    def run(seconds: np.ndarray) -> bool:
-        fine = True
-        for second in seconds.tolist():
-            with one_thread():
-                pause.wait(second)
-                fine &= threads_of_blas() == {1} and torch.get_num_threads() == 1
-                with one_thread():
-                    fine &= threads_of_blas() == {1}
-                fine &= threads_of_blas() == {1}
-        return fine
-
-    with ThreadPoolExecutor(len(orders)) as pool:
-        assert all(pool.map(run, orders))
-    assert threads_of_blas() == {2}
-    assert torch.get_num_threads() == 2
-    with ThreadPoolExecutor() as fresh:
-        assert fresh.submit(torch.get_num_threads).result() == 2
 
 
 def test_an_error_inside_restores_the_setting() -> None:

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from spinor_geom import ArraySurface, mesh_patch, solve_plateau
+from spinor_geom import ArraySurface, solve_plateau
 from spinor_geom.arrays import NUMPY
 from spinor_geom.errors import (
     LoopsMeetError,
@@ -18,10 +18,8 @@ from spinor_geom.errors import (
     OptionError,
     PeriodError,
     RepeatedPointError,
-    SeveralRimsError,
     UnknownMeshTypeError,
 )
-from spinor_geom.measures import smallest_angles
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau import Laurent, NoConnectedSurface
@@ -65,46 +63,11 @@ def test_catenoids_between_circles_in_formulas(h):
     assert abs(solution.annulus.disk_area / (2 * np.pi) - 1) < 1e-12
 
 
-@pytest.mark.parametrize("h", [0.25, 0.66])
-def test_catenoids_between_64_points_each(h):
-    first, second = coaxial(h)
-    solution = solve_plateau((sampled(first, 64, shift=17), sampled(second, 64)))
-    # 0.66 is just below the critical distance; its area by the equation of the neck: c cosh(h/c) = 1
-    c = max(np.real(root) for root in [_neck(h)])
-    exact = 2 * np.pi * (h * c + c * c * np.sinh(h / c) * np.cosh(h / c))
-    assert abs(solution.area / exact - 1) < 1e-6
-    assert solution.boundary_residual.rms_per_edge < 1e-3
-
-
-def _neck(h):
-    c = 0.9
-    for _ in range(60):
-        c -= (c * np.cosh(h / c) - 1) / (np.cosh(h / c) - h / c * np.sinh(h / c))
-    return c
-
-
 def test_rims_with_waves():
     assert abs(wavy().area / SKEW_AREA - 1) < 1e-5
     exact = solve_plateau(skew())
     assert abs(exact.area / SKEW_AREA - 1) < 1e-12
     assert exact.is_area_minimum
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("waves", "amount"), [(5, 0.1), (5, 0.2)])
-def test_rims_with_many_waves_get_the_nodes_that_these_want(waves, amount):
-    # with few nodes the energy has minima that are none of the surface's
-    rims = (
-        ring(1.0, -0.3, stretch=1.5, waves=waves, amount=amount),
-        ring(0.8, 0.3, centre=(0.3, 0.1), waves=waves - 1, amount=amount),
-    )
-    loops = [sampled(rim, 64) for rim in rims]
-    solution = solve_plateau(loops)
-    assert solution.route == "annulus"
-    assert solution.boundary_residual.rms_per_edge < 1e-4
-    stable = solve_plateau(loops, all_solutions=True)[0]
-    assert stable.converged
-    assert abs(stable.area / solution.area - 1) < 1e-6
 
 
 def test_what_nodes_feel_of_a_rotation_takes_no_steps():
@@ -188,24 +151,6 @@ def test_inertia_of_the_energy_is_the_index_of_the_area(h):
     assert [critical.index for critical in all_on_path(problem, surface)] == [0, 1]
 
 
-@pytest.mark.parametrize("distance", [2.1, 3.0])
-def test_circles_beside_each_other_in_one_plane_have_no_annulus(distance):
-    pair = (ring(1.0, 0.0), ring(1.0, 0.0, centre=(distance, 0.0)))
-    answer = solve_plateau(pair)
-    assert isinstance(answer, NoConnectedSurface)
-    assert "beside each other in one plane" in answer.reason
-    assert solve_plateau(pair, all_solutions=True) == ()
-
-
-@pytest.mark.parametrize("radius", [0.01, 0.05])
-def test_a_small_ring_over_a_disk_has_no_annulus(radius):
-    # a catenoid from the unit circle to a radius r is no higher than r·log(2/r); no cone parts them
-    answer = solve_plateau((ring(1.0, 0.0), ring(radius, 0.2)))
-    assert isinstance(answer, NoConnectedSurface)
-    assert "modulus" in answer.reason
-    assert abs(answer.area / (np.pi * (1 + radius**2)) - 1) < 1e-12
-
-
 def test_just_above_the_critical_distance_no_fold_is_overlooked():
     # h* = 0.66274…: both critical points are 2 % of the modulus apart at 0.6627 and gone at 0.6628
     counts = {}
@@ -276,15 +221,6 @@ def test_associates_close_only_without_flux():
     assert abs(flat.associate(0.7).area() / (np.pi * 0.91) - 1) < 1e-12
 
 
-def test_mesh_keeps_both_rims_bit_for_bit():
-    patch = mesh_patch(wavy())
-    loops = [rim.loop for rim in wavy().rims]
-    np.testing.assert_array_equal(patch.vertices[: patch.boundary_size], np.concatenate([x.points for x in loops]))
-    assert patch.rims == (60, 48)
-    assert abs(patch.area / wavy().area - 1) < 2e-3
-    assert smallest_angles(patch.vertices, patch.faces).min() > 18
-
-
 # --- errors -----------------------------------------------------------------------------------------------------------
 
 
@@ -322,11 +258,6 @@ def test_rims_that_meet_are_refused():
         solve_plateau((sampled(ring(1.0, 0.0), 40), sampled(ring(1.0, 0.0, centre=(0.5, 0.0)), 40)))
 
 
-def test_an_annulus_has_no_single_loop():
-    with pytest.raises(SeveralRimsError, match="take its loops and curves from `rims`"):
-        _ = wavy().loop
-
-
 @pytest.mark.parametrize(
     ("radius", "height", "x"),
     [(0.2, 0.05, 0.5), *(pytest.param(*size, 0.0, marks=pytest.mark.slow) for size in ((0.2, 0.05), (0.1, 0.1)))],
@@ -350,16 +281,6 @@ def squares(h, *, turn=0.0, edges=1):
     return [BoundaryLoop.from_points(some, corners=range(0, len(some), edges)) for some in points]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("h", [0.3, 0.6])
-def test_squares_over_each_other_are_met_with_many_nodes(h):
-    # at their corners each doubling of the nodes takes little more than two fifths of the distance away
-    solution = solve_plateau(squares(h))
-    assert solution.converged
-    # less than the area of the four sides between them
-    assert 0.8 * 16 * h < solution.area < 16 * h
-
-
 @pytest.mark.parametrize(
     ("turn", "edges", "area"),
     [
@@ -378,16 +299,3 @@ def test_squares_turned_against_each_other_are_met_at_their_corners(turn, edges,
         corners = rim.boundary.vertices[rim.boundary.corners]
         away = np.linalg.norm(solution.surface.position(corners)[:, None] - rim.loop.points[rim.loop.corners], axis=2)
         assert away.min(axis=1).max() < 1e-3
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("first", "second"), [(5, 3), (7, 4)])
-def test_polygons_of_unlike_corners_are_met(first, second):
-    loops = []
-    for k, h in ((first, 0.0), (second, 0.45)):
-        corners = np.exp(2j * np.pi * (np.arange(k) + 0.1) / k)
-        places = (corners[:, None] + np.arange(5) / 5 * (np.roll(corners, -1) - corners)[:, None]).ravel()
-        points = np.stack([places.real, places.imag, np.full(len(places), h)], axis=1)
-        loops.append(BoundaryLoop.from_points(points, corners=range(0, len(points), 5)))
-    solution = solve_plateau(loops)
-    assert solution.converged, solution.reason
