@@ -9,11 +9,10 @@ from spinor_geom.adapters import read_mesh
 from spinor_geom.bench import run_tables, runner
 from spinor_geom.bench.cut_outs import CAPS, PER_SCAN, WINDOWS, named_cut_out, scan_names
 from spinor_geom.bench.fillers import Filled
-from spinor_geom.bench.measured import DISTANCE, cut_out_figures, hole_figures, rim_bend
+from spinor_geom.bench.measured import DISTANCE, cut_out_figures, hole_figures
 from spinor_geom.bench.odd_holes import odd_holes
 from spinor_geom.bench.run_tables import pieces_of, scale_of
-from spinor_geom.bench.runner import Settings, chosen_tasks, measure
-from spinor_geom.errors import OptionError
+from spinor_geom.bench.runner import Settings, measure
 from spinor_geom.mesh.find_loops import find_boundary_loops
 from spinor_geom.mesh.topology import is_disk, is_watertight
 from tests.bench.test_run import in_this_process
@@ -73,14 +72,6 @@ def test_disks_cut_out_of_a_scan_leave_the_rest_of_it_and_a_simple_rim(scan):
         assert len(hole.loops) == len(find_boundary_loops(mesh)) + 1
 
 
-def test_scans_need_their_files(tmp_path):
-    assert scan_names(None) == scan_names(tmp_path) == ()
-    with pytest.raises(OptionError, match="scans are read from"):
-        named_cut_out("spot_cut-00", tmp_path)
-    with pytest.raises(OptionError, match="no case 'spot_cut-00' in the suites cut-outs"):
-        chosen_tasks(Settings(suites=("cut-outs",), cases=("spot_cut-00",)))
-
-
 def test_distances_are_those_from_the_sphere():
     cut_out = named_cut_out("icosphere-3-0.3")
     exact = cut_out_figures(put_back(cut_out), cut_out)
@@ -98,25 +89,6 @@ def test_distances_are_those_from_the_sphere():
     lid = cut_out_figures(Filled(vertices=vertices, faces=np.concatenate([cut_out.hole.faces, fan])), cut_out)
     assert lid["distance"] * cut_out.diameter == pytest.approx(0.7, rel=1e-12)
     assert lid["bend"] > 10 * lid["removed_bend"]
-
-
-def test_distances_from_a_scan_count_both_ways():
-    cut_out = named_cut_out("demosthenes_low_res-01", DATA)
-    same = cut_out_figures(put_back(cut_out), cut_out)
-    assert same["distance"] < 1e-7  # of a point of a triangle from that triangle
-    part = put_back(cut_out)
-    # what is there is right, but half of it is missing
-    half = Filled(vertices=part.vertices, faces=part.faces[: -len(cut_out.faces) // 2])
-    assert cut_out_figures(half, cut_out)["distance"] > 0.01
-
-
-def test_the_bend_of_a_folded_square_is_its_angle():
-    points = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 0, 1], [1, 0, 1.0]])
-    flat, upright = np.array([[0, 1, 2]]), np.array([[0, 3, 1]])
-    assert rim_bend(points, flat, upright) == pytest.approx(np.pi / 2, rel=1e-15)
-    # the same with one face inside out
-    assert rim_bend(points, flat, upright[:, ::-1]) == pytest.approx(np.pi / 2, rel=1e-15)
-    assert rim_bend(points, flat, np.array([[3, 4, 3]])) is None
 
 
 def test_a_filler_that_moves_or_renumbers_the_mesh_is_measured_on_its_patch():

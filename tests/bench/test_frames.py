@@ -5,21 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spinor_geom import gallery
-from spinor_geom.adapters.cad_curves import JoinedSplines
 from spinor_geom.bench.cases import known_case
-from spinor_geom.bench.frames import FRAMES, frame_edges, trigonometric_arcs
+from spinor_geom.bench.frames import FRAMES, frame_edges
 from spinor_geom.bench.tasks import run
 from spinor_geom.mesh.curve import BoundaryCurve
-
-
-def test_rational_arcs_are_the_trigonometric_polynomial() -> None:
-    seam = gallery.tennis_seam(0.8)
-    arcs = trigonometric_arcs(seam.sample(64).points)
-    joined = JoinedSplines.of([arc.between(arc.ends) for arc in arcs])
-    fitted = BoundaryCurve.from_formula(joined.curve())
-    points = seam.point(np.random.default_rng(0).random(50))
-    assert np.linalg.norm(fitted.point(fitted.nearest(points)) - points, axis=1).max() < 1e-13
 
 
 @pytest.mark.parametrize("name", FRAMES)

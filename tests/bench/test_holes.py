@@ -82,14 +82,6 @@ def require_peer(package):
     importlib.import_module(package)
 
 
-def test_meshlib_stitches_facing_rims():
-    require_peer("meshlib")
-    hole = odd_holes()["facing-0.5"]
-    fill, finish = FILLERS["meshlib-nicely"].call(hole)
-    figures = hole_figures(finish(fill()), hole, None)
-    assert (figures["patches"], figures["open_rim_edges"]) == (1, 0)
-
-
 @pytest.mark.parametrize("name", [name for name in FILLERS if name != OURS])
 def test_every_peer_that_is_installed_takes_a_mesh_and_gives_one_back(name):
     tool = FILLERS[name]

@@ -26,11 +26,6 @@ def test_a_crash_is_one_task_s_and_what_is_written_spoils_no_answer():
     assert "output" not in silent
 
 
-def test_a_hang_ends_at_the_time_limit():
-    hung, after = answers({"sleep": 60}, {}, time_limit=8.0)
-    assert (hung["status"], after["status"]) == ("timed out", "done")
-
-
 @pytest.mark.skipif(not os.path.exists("/proc/self/clear_refs"), reason="only Linux forgets a peak")
 def test_the_peak_of_the_memory_is_that_of_the_task():
     forget_peak_memory()

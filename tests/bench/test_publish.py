@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from spinor_geom.bench import runner
-from spinor_geom.bench.runner import PICTURED, SUITES, chosen_tasks
+from spinor_geom.bench.runner import PICTURED
 from tests.bench.test_run import in_this_process
 
 ROOT = Path(__file__).parents[2]
@@ -49,16 +49,3 @@ def test_one_command_measures_and_writes_the_figures_of_all_pages(publish, tmp_p
     (row,) = csv.DictReader((tmp_path / "benchmarks" / "disks.csv").read_text(encoding="utf-8").splitlines())
     assert float(row["area_error"]) < 1e-12
     assert "error of the patch's area | −0.2" in (tmp_path / "README.md").read_text(encoding="utf-8")
-
-
-def test_all_suites_are_published_by_known_methods(publish):
-    parts = publish.settings(ROOT / "data")
-    assert {suite for part in parts for suite in part.suites} == set(SUITES)
-    assert all(chosen_tasks(part) for part in parts)
-
-
-def test_plots_of_the_pages_are_in_the_repository():
-    text = (ROOT / PAGES[1]).read_text(encoding="utf-8")
-    shown = {path.name for path in (ROOT / "docs" / "bench").glob("*.png") if f"(bench/{path.name})" in text}
-    assert shown == {path.name for path in (ROOT / "docs" / "bench").glob("*")}
-    assert text.count("(bench/") == len(shown)

@@ -2,14 +2,13 @@
 
 import csv
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from spinor_geom.bench import run_tables, runner
 from spinor_geom.bench.promises import promises
-from spinor_geom.bench.runner import DESCRIPTION, RECORDS, SUITES, Settings, case_name, chosen_tasks, key, measure
+from spinor_geom.bench.runner import DESCRIPTION, RECORDS, Settings, measure
 from spinor_geom.bench.tasks import run as run_task
 from spinor_geom.cli.main import main
 from spinor_geom.errors import OptionError
@@ -138,34 +137,6 @@ def test_a_killed_run_goes_on(tmp_path, monkeypatch):
     (folder / DESCRIPTION).write_text(json.dumps(description), encoding="utf-8")
     with pytest.raises(OptionError, match="other versions"):
         measure(SMALL, folder)
-
-
-def test_names_that_do_not_exist_are_refused_before_anything_is_measured(tmp_path):
-    unrelated = Settings(cases=("knot",), methods=("libigl",))
-    suite = Settings(suites=("disk",))
-    for wrong in (Settings(cases=("enneper",)), Settings(methods=("cgall",)), unrelated, suite):
-        with pytest.raises(OptionError):
-            measure(wrong, tmp_path / "run")
-    assert not (tmp_path / "run").exists()
-
-
-def test_the_long_run_has_every_case_of_every_suite_once():
-    tasks = chosen_tasks(Settings(data=DATA))
-    assert {t["suite"] for t in tasks} == set(SUITES)
-    keys = [key(task) for task in tasks]
-    assert len(set(keys)) == len(keys)
-    # what one suite calls a case no other does, so that a name chooses one thing
-    names = {(case_name(t), t["suite"]) for t in tasks if t["suite"] not in ("disks", "fills")}
-    assert len({name for name, _ in names}) == len(names)
-
-
-def test_a_tool_that_is_broken_here_is_missing_and_has_not_failed(tmp_path, monkeypatch):
-    (tmp_path / "broken_peer.py").write_text("import no_such_dependency\n")
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setitem(runner.METHODS, "open3d", replace(runner.METHODS["open3d"], package="broken_peer"))
-    record = run_task({"suite": "odd", "case": "knot", "method": "open3d", "repeat": 0})
-    assert record["status"] == "missing"
-    assert "cannot be imported here: No module named 'no_such_dependency'" in record["reason"]
 
 
 def test_the_command_measures_and_reports_what_is_missed(tmp_path, capsys, monkeypatch):

@@ -10,7 +10,7 @@ from spinor_geom.discrete.minimal_surface import discrete_minimal_surface
 from spinor_geom.errors import FirstFillError
 from spinor_geom.measures import smallest_angles
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from tests.loops import L_SHAPE, is_disk_on, noisy_ellipse, planar
+from tests.loops import is_disk_on
 
 SEAM = gallery.tennis_seam(0.8)
 
@@ -64,19 +64,3 @@ def test_triangles_are_even_on_long_loops_too(known):
     assert surface.converged
     # 24° and 32° were measured
     assert smallest_angles(surface.vertices, surface.faces).min() > 20
-
-
-def test_callers_remeshing_keeps_its_defaults():
-    """MeshLab keeps remeshing options from call to call within a process."""
-
-    def remeshed():
-        meshes = pymeshlab.MeshSet(verbose=False)
-        surface = discrete_minimal_surface(planar(L_SHAPE, 24))
-        meshes.add_mesh(pymeshlab.Mesh(surface.vertices, surface.faces.astype(np.int32)))
-        meshes.meshing_isotropic_explicit_remeshing(targetlen=pymeshlab.PureValue(0.1))
-        return meshes.current_mesh().vertex_matrix()
-
-    before = remeshed()
-    meshlab_minimal_surface(noisy_ellipse(40), relative_change=1e-3)
-    np.testing.assert_array_equal(remeshed(), before)
-    assert len(before) > 300

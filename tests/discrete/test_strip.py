@@ -31,12 +31,6 @@ def test_strip_runs_once_around_both_rims(m, n, phase):
     assert area < 1.01 * (frustum + left_out)
 
 
-def test_strip_between_aligned_polygons_is_the_prism():
-    first, second = circle(12), circle(12, height=0.5, clockwise=True)
-    _, area = minimum_area_strip(first, second)
-    assert abs(area - 12 * 0.5 * 2 * np.sin(np.pi / 12)) < 1e-12
-
-
 @pytest.mark.parametrize("h", [0.25, 0.5])
 def test_discrete_catenoid_is_near_the_exact_one(h):
     first, second = (sampled(curve, 60) for curve in coaxial(h, phase=1.0))

@@ -14,12 +14,9 @@ from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from types import ModuleType
 
-import numpy as np
 import pytest
-from PIL import Image
 
 from tests.browser import browser, visit
-from tests.likeness import SAME, difference
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -103,15 +100,6 @@ def test_the_readme_s_pictures_open_in_a_browser_and_are_small(tmp_path: Path) -
     for name in README_PICTURES:
         assert f"(docs/{name})" in readme
         assert (DOCS / name).stat().st_size < 300_000
-
-
-def test_the_readme_s_pictures_are_those_of_the_pages(pictures: ModuleType) -> None:
-    names = pictures.pictures_of(DOCS / "gallery.md")
-    assert all(np.asarray(Image.open(DOCS / name).convert("L")).std() > 20 for name in names)
-    strip = pictures.gallery_strip([DOCS / name for name in names])
-    assert difference(strip, DOCS / "gallery.png") < SAME
-    # a different picture differs by more
-    assert difference(DOCS / "pictures" / "error.png", DOCS / "gallery.png") > 5 * SAME
 
 
 def test_all_pictures_are_shown_and_small(pictures: ModuleType) -> None:

@@ -39,13 +39,3 @@ def test_rows_may_enter_a_polygon_more_than_once():
     comb = np.array([0, 7, 7 + 3j, 6 + 3j, 6 + 1j, 4 + 1j, 4 + 3j, 3 + 3j, 3 + 1j, 1 + 1j, 1 + 3j, 3j]) + 0.01 + 0.013j
     expected = lattice(0.21, 50)
     assert same_points(lattice_inside(comb, 0.21), expected[winds_around(comb, expected)])
-
-
-def test_sides_along_the_rows_count_once():
-    # two squares side by side hold the points of the rectangle, those of the common side once
-    square, spacing = np.array([0, 1, 1 + 1j, 1j]), 0.25
-    parts = [lattice_inside(square, spacing), lattice_inside(square + 1, spacing)]
-    assert same_points(np.concatenate(parts), lattice_inside(np.array([0, 2, 2 + 1j, 1j]), spacing))
-    upper = 4 * ROW * spacing * 1j
-    stack = [lattice_inside(np.array([0, 1, 1 + upper, upper]) + k * upper, spacing) for k in range(2)]
-    assert same_points(np.concatenate(stack), lattice_inside(np.array([0, 1, 1 + 2 * upper, 2 * upper]), spacing))

@@ -55,13 +55,3 @@ def test_domains_without_reentrant_corners_are_not_opened() -> None:
 def test_corners_of_curves_that_turn_back_are_not_opened() -> None:
     """The image of the opposite sides would have no length."""
     assert Opening.of(outline(L), np.where(np.arange(6) == 3, 1e-11, RIGHT)) is None
-
-
-def test_the_first_vertex_need_not_be_a_corner() -> None:
-    whole = outline(L)
-    moved = SplineBoundary.through(np.roll(whole.vertices, 5), np.roll(whole.corners, 5))
-    one, other = Opening.of(whole, RIGHT), Opening.of(moved, RIGHT)
-    assert one is not None
-    assert other is not None
-    ratio = np.diff(np.roll(other.boundary.vertices, -5)) / np.diff(one.boundary.vertices)
-    assert np.abs(ratio / ratio[0] - 1).max() < 1e-6  # equal up to a similarity and rounding

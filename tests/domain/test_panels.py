@@ -20,17 +20,6 @@ def test_closed_integrals_of_polynomials_vanish(boundary):
         assert abs((panels.z**degree * panels.dz * panels.weights).sum()) < 1e-13 * 3.0 ** (degree + 1)
 
 
-@pytest.mark.parametrize(("boundary", "area"), [(SQUARE, 4.0), (CIRCLE, 4 * np.pi)], ids=["square", "circle"])
-def test_area_by_greens_formula(boundary, area):
-    panels = Panels.on(boundary, boundary.parameters, 12)
-    assert abs((np.conj(panels.z) * panels.dz * panels.weights).sum() / 2j - area) < 1e-13
-
-
-@pytest.mark.parametrize(("boundary", "length"), [(SQUARE, 8.0), (CIRCLE, 4 * np.pi)], ids=["square", "circle"])
-def test_arc_weights_sum_to_the_length(boundary, length):
-    assert abs(Panels.on(boundary, boundary.parameters, 8).arc_weights.sum() - length) < 1e-13
-
-
 @boundaries
 def test_cumulative_integral_of_one_is_the_way_from_the_panels_start(boundary):
     panels = Panels.on(boundary, boundary.parameters, 10)

@@ -9,7 +9,7 @@ from spinor_geom.deadline import time_limit
 from spinor_geom.domain import FourierBoundary, PlaneDomain, SplineBoundary
 from spinor_geom.domain.plane_domain import Boundary, sampled
 from spinor_geom.errors import DomainError, DtypeError, OptionError
-from tests.loops import L_SHAPE, planar, slit
+from tests.loops import L_SHAPE, planar
 
 FLAT = np.array([1, 1j, 0])
 ANGLES = 2 * np.pi * np.arange(80) / 80
@@ -56,17 +56,6 @@ def test_spline_with_corners_has_straight_sides():
     assert np.abs(distance).max() < 1e-14
 
 
-def test_fourier_boundary_is_its_series():
-    t = np.random.default_rng(0).uniform(-2, 3, size=(4, 5))
-    k = np.arange(-3, 4)
-    np.testing.assert_array_equal(BENT.frequencies, k)
-    powers = np.exp(2j * np.pi * k * t[..., None])
-    np.testing.assert_allclose(BENT.point(t), powers @ BENT.coefficients, atol=1e-14)
-    np.testing.assert_allclose(BENT.derivative(t), powers @ (2j * np.pi * k * BENT.coefficients), atol=1e-13)
-    assert BENT.point(np.array(0.3)).shape == ()
-    assert BENT.point(t[:0]).shape == (0, 5)
-
-
 @pytest.mark.parametrize("n", [7, 8, 72, 101])
 def test_grid_of_a_fourier_boundary_is_the_series_and_its_derivatives_at_equal_steps(n):
     t = np.arange(n) / n
@@ -96,14 +85,6 @@ def test_distance_has_the_sign_of_the_nearest_edge_however_near():
         inside = DOMAINS["bent"].distance_outside(boundary.point(t) - step * outwards)
         np.testing.assert_allclose(outside, step, rtol=0.3)
         np.testing.assert_allclose(inside, -step, rtol=0.3)
-
-
-def test_corners_tell_the_side_by_both_of_their_edges():
-    away = 0.1 * np.exp(2j * np.pi * (np.arange(16) + 0.5) / 16)
-    for corner in (2 + 1j, 1 + 1j, 0j):
-        z = corner + away
-        inside = [(0 < w.real < 2 and 0 < w.imag < 1) or (0 < w.real < 1 and 0 < w.imag < 2) for w in z]
-        np.testing.assert_array_equal(DOMAINS["L"].distance_outside(z) < 0, inside)
 
 
 def test_samples_are_the_vertices_and_equal_steps_between_them():
@@ -160,18 +141,6 @@ def test_paths_start_inside_and_reach_the_boundary_last(domain):
     assert (boundary_parents < m).mean() < 0.02
 
 
-def test_domain_without_inner_vertices_has_paths_too():
-    strip = PlaneDomain.from_boundary(slit().points @ FLAT, slit().corners)
-    assert len(strip.triangulation.points) == len(slit())
-    assert (edges_from_root(strip) > 0).sum() == len(slit()) - 1
-
-
-@pytest.mark.parametrize(("radius", "n"), [(0.0, 64), (-1.0, 64), (float("nan"), 64), (1.0, 2)])
-def test_bad_disks_are_refused(radius, n):
-    with pytest.raises(OptionError, match="positive radius"):
-        PlaneDomain.disk(radius, n)
-
-
 def test_crossed_and_clockwise_boundaries_are_refused():
     with pytest.raises(DomainError):
         PlaneDomain.from_boundary(np.array([0, 1 + 1j, 1, 1j, -1 + 0.5j]))
@@ -190,14 +159,6 @@ def test_divided_domain_has_the_same_boundary():
     np.testing.assert_array_equal(finer.vertices[::3], domain.vertices)
     np.testing.assert_array_equal(np.flatnonzero(finer.boundary.corners), 3 * np.flatnonzero(domain.boundary.corners))
     assert len(finer.log_scale) == len(finer.vertices)
-
-
-def test_divided_domain_keeps_its_analytic_boundaries():
-    for domain in (PlaneDomain.disk(n=16), PlaneDomain.annulus(0.5, n=16)):
-        finer = domain.divided(3)
-        assert len(finer.holes) == len(domain.holes)
-        assert len(finer.log_scale) == len(finer.vertices) == 3 * len(domain.vertices)
-        np.testing.assert_allclose(finer.vertices[::3], domain.vertices, atol=1e-15)
 
 
 @pytest.mark.parametrize("t", [-0.1, 2.0, np.nan, np.inf])

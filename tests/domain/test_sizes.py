@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from spinor_geom.domain.delaunay import constrained_delaunay
 from spinor_geom.domain.sizes import SizeField
-from spinor_geom.errors import OptionError, SpinorGeomError
+from spinor_geom.errors import OptionError
 from tests.strategies import SEEDS
 
 
@@ -76,15 +76,6 @@ def test_a_field_takes_only_what_the_kernel_can_read(wrong):
         SizeField(**{**right, **wrong})
 
 
-def test_sizes_do_not_depend_on_the_layout_and_precision_of_arrays():
-    samples, lengths = np.array([0, 0.4, 0.4j, -0.3]), np.array([0.25, 0.5, 0.125, 0.5])
-    field = SizeField(samples=samples, lengths=lengths, neighbours=2).over(CIRCLE)
-    doubled = np.repeat(samples, 2)[::2], np.repeat(lengths, 2)[::2].astype(np.float32)
-    other = SizeField(samples=doubled[0], lengths=doubled[1], neighbours=2).over(np.repeat(CIRCLE, 2)[::2])
-    z = np.linspace(-0.5, 0.5 + 0.2j, 20)
-    np.testing.assert_array_equal(other.sizes(np.repeat(z, 2)[::2]), field.sizes(z))
-
-
 BAD_REFINEMENTS = {
     "a vertex that does not exist": {"faces": [[0, 1, 12]]},
     "a negative vertex": {"faces": [[0, 1, -1]]},
@@ -115,9 +106,3 @@ def test_points_beyond_32_bit_indices_are_refused(most):
     region = SizeField().over(CIRCLE)
     with pytest.raises(MemoryError):
         region.refined(constrained_delaunay(region.points, (12,)), None, most, np.inf)
-
-
-@pytest.mark.parametrize("faces", [[[0, 1, 2], [0, 1, 3]], [[0, 1, 2], [1, 0, 3], [0, 1, 4]], [[0, 0, 1]]])
-def test_triangles_that_overlap_are_refused(faces):
-    with pytest.raises(SpinorGeomError, match="overlapping"):
-        SizeField().over(CIRCLE).refined(faces, None, 100, np.inf)

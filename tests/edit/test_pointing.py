@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from spinor_geom.edit.pointing import plane_depth, polygons_at, rim_at, thinned, triangles_at
+from spinor_geom.edit.pointing import plane_depth, rim_at, thinned, triangles_at
 from spinor_geom.mesh.topology import boundary_edges
 from tests.edit.meshes import ball
 
@@ -14,7 +14,6 @@ from tests.edit.meshes import ball
 SQUARE = np.array([[0.0, 0, 0], [100, 0, 0], [100, 100, 0], [0, 100, 0]])
 BEGINS = np.concatenate([SQUARE + np.array([0, 0, 0.4]), 0.5 * SQUARE + np.array([25, 25, 0.2])])
 ENDS = BEGINS[[1, 2, 3, 0, 5, 6, 7, 4]]
-NUMBERS = np.repeat([0, 1], 4)
 
 
 @pytest.mark.parametrize(
@@ -32,13 +31,6 @@ NUMBERS = np.repeat([0, 1], 4)
 )
 def test_the_nearest_visible_rim_is_pointed_at(here: tuple[float, float], depth: float, segment: int | None) -> None:
     assert rim_at(np.array(here, dtype=float), BEGINS, ENDS, lambda x, y: depth) == segment
-
-
-@pytest.mark.parametrize(
-    ("here", "found"), [((10, 50), [0]), ((50, 50), [0, 1]), ((120, 50), []), ((25, 10), [0]), ((30, 70), [0, 1])]
-)
-def test_polygons_contain_what_is_inside(here: tuple[float, float], found: list[int]) -> None:
-    np.testing.assert_array_equal(polygons_at(np.array(here, dtype=float), BEGINS, ENDS, NUMBERS), found)
 
 
 def test_the_depth_of_an_opening_is_that_of_its_plane() -> None:

@@ -5,12 +5,11 @@ from __future__ import annotations
 import shlex
 
 import numpy as np
-import pytest
 
 from spinor_geom import fill_hole
 from spinor_geom.cli.fill import _choice
 from spinor_geom.cli.main import build_parser
-from spinor_geom.edit.session import Preview, Session, ranges
+from spinor_geom.edit.session import Preview, Session
 from spinor_geom.fill.fill_options import FillOptions
 from spinor_geom.fill.filling import Filling
 from tests.edit.meshes import ball, prepared
@@ -64,13 +63,6 @@ def test_loops_are_joined_and_a_bridge_grows_and_is_clicked_like_a_loop() -> Non
     assert session.choices == {(0, 1, 2): "smooth", (3,): "film"}
     session.click(0)
     assert session.choices == {(3,): "film"}
-
-
-@pytest.mark.parametrize(
-    ("numbers", "text"), [([0], "0"), ([3, 2], "2-3"), ([0, 2, 3, 4, 9], "0,2-4,9"), ([1, 3, 5], "1,3,5")]
-)
-def test_numbers_are_written_as_the_command_reads_them(numbers: list[int], text: str) -> None:
-    assert ranges(numbers) == text
 
 
 def test_the_command_makes_the_same_choices() -> None:

@@ -227,11 +227,3 @@ def test_a_process_that_dies_and_a_cancelled_one_leave_the_loop_open(person: Per
     processes = [filler._process._process for filler in window.work.fillers]
     window.open()
     assert all(process is None or process.poll() is not None for process in processes)
-
-
-@pytest.mark.parametrize("person", [4e6], indirect=True)
-def test_a_mesh_far_from_the_origin_is_drawn_and_pointed_at(person: Person) -> None:
-    person.click(0)
-    person.wait()
-    assert person.sees(*person.place(0), COLOURS["film"])
-    assert [person.window.loop_at(*person.place(k)) for k in range(3)] == [0, 1, 2]

@@ -25,12 +25,11 @@ from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.render.portrait import Portrait
 from spinor_geom.render.scene import Dots
 from spinor_geom.surface.spinor_surface import SpinorSurface
-from spinor_geom.training import LevenbergMarquardt, RMSprop, rmsprop, train_by_rmsprop
+from spinor_geom.training import LevenbergMarquardt, RMSprop, rmsprop
 
 TINY_NETWORK = LevenbergMarquardt(depth=2, width=10, tolerance=1e-3)
 # steps too small to move anything, and steps that bring a small network near to its curve
 TINY_RMSPROP = RMSprop(depth=2, width=5, points=64, batch=32, epochs=3, order=8)
-TRAINED_RMSPROP = RMSprop(depth=2, width=8, learning_rate=2e-3, points=256, batch=64, epochs=12, order=16)
 
 
 @pytest.fixture
@@ -67,14 +66,6 @@ def test_catenoid_errors_fall_at_the_rules_orders():
     assert first["max error"] < abs(1 + 2j * np.pi) ** 3 * np.sqrt(2) * np.cosh(1) / (12 * 20**2)
 
 
-@pytest.mark.slow
-def test_mean_curvature_falls_at_the_rules_orders_on_all_four_surfaces():
-    outcome = integration.mean_curvature(grid=5, steps=(16, 32), network=TINY_NETWORK)
-    assert len(outcome.rows) == 8
-    assert outcome.reproduced
-    assert all(abs(row["slope"] + 2) < 0.1 for row in outcome.rows if row["rule"] == "trapezoid")
-
-
 def test_prescribed_boundaries_have_their_own_derivatives():
     for surface in (paper_surfaces.random_networks(2), paper_surfaces.perturbed_series(2)):
         curve = paper_surfaces.boundary_of(surface, "prescribed")
@@ -100,41 +91,6 @@ def test_ours_are_nearer_and_faster_than_the_paper_s_training(tmp_path):
     assert "after 3 epochs" in outcome.verdict
 
 
-@pytest.mark.usefixtures("undrawn")
-def test_both_forms_are_trained_on_the_twisted_circle_and_compared_with_ours():
-    outcome = forms.twisted_circle(rmsprop=TRAINED_RMSPROP, network=TINY_NETWORK)
-    rows = {row["method"]: row for row in outcome.rows}
-    assert rows[forms.SPINOR]["steps"] == rows[forms.ENNEPER]["steps"] == 12
-    # what the paper says: the spinors come near, the Weierstrass-Enneper form does not
-    assert rows[forms.SPINOR]["distance/diagonal"] < 0.06
-    assert rows[forms.ENNEPER]["distance/diagonal"] > 0.2
-    assert outcome.reproduced
-    assert rows[forms.NETWORK]["distance/diagonal"] < 1e-3
-    assert rows[forms.SERIES]["distance/diagonal"] < 1e-13
-    assert abs(rows[forms.SERIES]["area"] / 3.32087142904707 - 1) < 1e-12
-    # the surface is nearly flat, with its normal e₃ in the middle
-    assert rows[forms.SERIES]["poles of g"] == 2
-    assert set(outcome.pictures) == {"twisted-circle-surfaces", "twisted-circle-errors"}
-    assert rows[forms.SERIES]["branch points"] == "none"
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("undrawn")
-def test_the_disks_of_a_seam_are_distinguished(tmp_path):
-    kept = replace(TINY_RMSPROP, checkpoint=tmp_path)
-    outcome = forms.tennis_seam(parameters=(0.75,), rmsprop=kept, network=TINY_NETWORK)
-    # neither form was trained enough to tell them apart
-    assert not outcome.reproduced
-    disks = {row["method"]: row["disk"] for row in outcome.rows}
-    assert disks[forms.SERIES] == "unstable"
-    assert disks[forms.STABLE] == "stable"
-    assert disks[forms.SPINOR] == "none"
-    assert disks[forms.ENNEPER] is None
-    known = {row["disk"]: row["area"] for row in outcome.rows if row["method"] == forms.KNOWN}
-    assert known.keys() == {"stable", "unstable"}
-    assert abs(known["unstable"] - 4.669757) < 1e-6
-
-
 @pytest.mark.parametrize(
     ("a", "area", "disk"),
     [
@@ -149,27 +105,6 @@ def test_areas_name_disks(a, area, disk):
     assert forms.which_disk(area, gallery.tennis_seam(a).disks) == disk
 
 
-@pytest.mark.slow
-@pytest.mark.usefixtures("undrawn")
-def test_both_weights_start_alike_and_epochs_go_on_from_each_other(tmp_path):
-    kept = replace(TINY_RMSPROP, checkpoint=tmp_path)
-    outcome = trainings.tangents(weights=(0.0, 0.5), epochs=(0, 1, 3), rmsprop=kept)
-    rows = {(row["λ"], row["epoch"]): row for row in outcome.rows}
-    assert rows[0.0, 0]["distance/diagonal"] == rows[0.5, 0]["distance/diagonal"]
-    for weight in (0.0, 0.5):
-        whole = train_by_rmsprop(gallery.twisted_circle(), options=replace(TINY_RMSPROP, tangent_weight=weight))
-        assert rows[weight, 3]["distance/diagonal"] == whole.max_per_diagonal
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("undrawn")
-def test_tangents_bring_the_boundary_nearer():
-    for weights, reproduced in (((0.0, 0.5), True), ((0.5, 0.0), False)):
-        outcome = trainings.tangents(weights=weights, epochs=(12,), rmsprop=TRAINED_RMSPROP)
-        assert outcome.reproduced == reproduced
-        assert all(row["distance/diagonal"] < 0.06 for row in outcome.rows)
-
-
 @pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize(("steps", "reproduced"), [(100, True), (2, False)])
 def test_mean_curvature_is_nearly_zero_where_the_rule_is_fine(monkeypatch, steps, reproduced):
@@ -178,20 +113,6 @@ def test_mean_curvature_is_nearly_zero_where_the_rule_is_fine(monkeypatch, steps
     outcome = integration.heat_maps(grid=(3, 8), steps=steps, network=TINY_NETWORK)
     assert outcome.reproduced == reproduced
     assert list(outcome.pictures) == ["heat-maps"]
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("undrawn")
-def test_prescribed_surfaces_are_recovered(tmp_path):
-    network = LevenbergMarquardt(tolerance=1e-7, nodes=128)
-    kept = replace(TINY_RMSPROP, checkpoint=tmp_path)
-    outcome = trainings.prescribed(depth=2, network=network, random=kept, perturbed=kept)
-    # one state for each training
-    assert len(list(tmp_path.iterdir())) == 2
-    assert outcome.reproduced
-    assert [row["method"] for row in outcome.rows] == [trainings.PAPER, trainings.OURS, trainings.DOUGLAS] * 2
-    assert all(row["p, q"] > 0.01 for row in outcome.rows if row["method"] == trainings.PAPER)
-    assert len(outcome.pictures) == 4
 
 
 @pytest.mark.parametrize(("a", "turn", "sign"), [(0.0, 0.3, 1), (0.3 - 0.4j, -2.0, -1), (-0.5, 3.0, 1)])
@@ -236,13 +157,6 @@ def test_branch_points_last_where_the_order_is_odd_and_spinors_have_none():
     assert outcome.rows[-2]["such points"] == 0 < outcome.rows[-1]["such points"]
 
 
-def test_branch_points_on_the_boundary_are_reported():
-    on_boundary = forms.surface_of(forms.FORMS[1], np.array([-1.0, 1.0]), np.array([0.5]))
-    assert forms.counted(forms.branch_points(on_boundary)) == "one on the boundary"
-    inside = forms.surface_of(forms.FORMS[1], np.array([-0.5, 1.0]), np.array([0.5]))
-    assert forms.counted(forms.branch_points(inside)) == "1, 1 not removable"
-
-
 def test_triangles_of_the_disk_cover_it_once_and_turn_one_way():
     z, faces = figures.disk_grid(5, 12)
     a, b, c = z[faces].T
@@ -267,13 +181,6 @@ def test_surfaces_are_drawn_whole_with_dots_and_a_scale_of_colours():
         assert (high - low)[1] > 0.7
         is_magenta = (picture[..., 0] > 0.6) & (picture[..., 1] < 0.4) & (picture[..., 2] > 0.6)
         assert is_magenta.any() == has_dots
-
-
-def test_a_different_surface_leaves_a_residual():
-    first, second = (gallery.polynomial([1, 0.2j, 0.1], [0.3, b]).surface for b in (0.5, 0.6))
-    residuals = [trainings.fit_moebius(found, first).residuals["p, q"] for found in (first, second)]
-    assert residuals[0] < 1e-12
-    assert residuals[1] > 1e-2
 
 
 def test_a_run_leaves_report_data_and_pictures(tmp_path):
@@ -340,13 +247,6 @@ def test_an_unknown_name_is_refused_before_anything_runs(tmp_path, capsys):
     assert not (tmp_path / "out").exists()
 
 
-def test_without_the_package_that_draws_nothing_runs(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
-    assert main(["reproduce", "catenoid", "-o", str(tmp_path / "out")]) == 2
-    assert "pip install '.[experiments]'" in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()
-
-
 def test_an_unconfirmed_statement_of_the_paper_is_an_exit_status(tmp_path, capsys, monkeypatch):
     not_seen = replace(
         experiment("catenoid"), measure=lambda **_: Outcome(rows=[{"a": 1}], reproduced=False, verdict="Slope 0.")
@@ -356,16 +256,6 @@ def test_an_unconfirmed_statement_of_the_paper_is_an_exit_status(tmp_path, capsy
     *_, counts, verdict = capsys.readouterr().err.splitlines()
     assert counts.startswith("spinor-geom: 0 of 1 agree with the paper")
     assert verdict == "spinor-geom: catenoid: Slope 0."
-
-
-def test_functions_are_drawn_black_where_they_vanish_and_white_outside_the_disk():
-    figure = figures.phases({"row": {"z": lambda z: z}})
-    (image,) = figure.axes[0].images
-    pixels = image.get_array()
-    middle = len(pixels) // 2
-    assert pixels[0, 0].tolist() == [1, 1, 1]
-    assert pixels[middle, middle].max() < 0.05
-    assert pixels[middle, -3].argmax() == 0  # argument 0 is red
 
 
 def test_incomplete_results_and_those_of_other_versions_are_measured_anew(tmp_path, monkeypatch):

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from spinor_geom import gallery, solve_plateau
+from spinor_geom import gallery
 from spinor_geom.errors import OptionError
 from tests.systems import every_second
 
@@ -84,26 +84,6 @@ def test_the_straight_side_of_schwarz_h_is_straight(a):
     side = known.chart.position(known.sides[3](np.linspace(0, 1, 20)))
     along = (side[-1] - side[0]) / np.linalg.norm(side[-1] - side[0])
     assert np.linalg.norm(np.cross(side - side[0], along), axis=1).max() < 1e-12
-
-
-def test_a_low_prism_s_disk_tends_to_its_square():
-    assert 4 < gallery.schwarz_prism(0.06).disks[0].area < 4.2
-
-
-@pytest.mark.parametrize(
-    "known",
-    [pytest.param(gallery.schwarz_prism(1.0), marks=pytest.mark.slow), gallery.schwarz_h(0.5)],
-    ids=lambda known: known.name,
-)
-def test_a_solver_without_the_known_answer_finds_the_area(known):
-    # the loop's curved sides are splines through 24 points each
-    assert abs(solve_plateau(loop_of(known, 96)).area / area_of(known) - 1) < 3e-6
-
-
-def test_every_member_of_the_catenoid_s_family_has_its_area():
-    for angle in (0.0, 0.4, math.pi / 2):
-        known = gallery.associate(angle, reach=0.7, turn=2.0)
-        assert abs(known.surface.area() / known.area - 1) < 1e-12
 
 
 def test_random_polynomials_keep_their_normals_in_a_hemisphere():

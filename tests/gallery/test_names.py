@@ -32,10 +32,6 @@ def some_slow(names: Iterable[str]) -> list[object]:
     return [pytest.param(name, marks=pytest.mark.slow) if name in SECONDS_LONG else name for name in names]
 
 
-def test_every_name_is_tried() -> None:
-    assert sorted((*FORMULAS, *BOUNDARIES, *WITHOUT_AREA)) == sorted(SURFACES)
-
-
 @pytest.mark.parametrize("name", FORMULAS)
 def test_a_formula_has_its_area(name: str) -> None:
     known = SURFACES[name]()

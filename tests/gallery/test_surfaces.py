@@ -18,12 +18,6 @@ def test_rim_lies_on_the_boundary_of_the_surface(known):
     assert distance.max() < np.linalg.norm(np.diff(dense, axis=0), axis=1).max()
 
 
-def test_rim_of_a_rectangle_starts_at_its_first_corner():
-    loop = helicoid(1.0, 1.0, turn=np.pi / 2).rim(30)
-    assert loop.corners[0]
-    assert loop.corners.sum() == 4
-
-
 def test_catenoid_rims_are_unit_circles_at_the_given_height():
     known = catenoid(0.5)
     neck = known.position(np.array(0j))[0]
@@ -39,14 +33,6 @@ def test_no_catenoid_beyond_the_critical_height():
     for height in (0.66275, 1.0, 0.0, -0.5):
         with pytest.raises(OptionError, match=r"0\.6627"):
             catenoid(height)
-
-
-def test_helicoid_is_ruled():
-    known = helicoid(2.0, 0.5)
-    z = np.linspace(0, 1, 5) + 0.7j
-    points = known.position(z)
-    across = points - points[0]
-    np.testing.assert_allclose(np.cross(across[1], across), 0, atol=1e-14)
 
 
 @pytest.mark.parametrize("make", [enneper, plane_disk, lambda r: polynomial([1], [0], radius=r), lambda r: helicoid(r)])

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 import spinor_geom
-from spinor_geom.errors import NotDifferentiableError, OptionError, SurfaceError, UncertainGradientWarning
+from spinor_geom.errors import OptionError, UncertainGradientWarning
 from tests.gradients.cases import LIFT, QUADRILATERAL, RING, wavy
 
 
@@ -22,15 +22,6 @@ def test_value_and_gradient_are_those_of_the_solution():
     assert area.item() == solution.area
     (3 * area).backward()
     assert np.array_equal(points.grad.numpy(), 3 * solution.area_gradient[0])
-
-
-def test_several_rims_and_shared_parameters():
-    # dA/dh of the catenoid between rings at ±h, through a common parameter
-    half = torch.tensor(0.4, dtype=torch.float64, requires_grad=True)
-    ring, up = torch.tensor(RING), torch.tensor([0.0, 0.0, 1.0], dtype=torch.float64)
-    spinor_geom.minimal_area([ring - half * up, ring + half * up]).backward()
-    forces = spinor_geom.solve_plateau([RING - LIFT, RING + LIFT]).area_gradient
-    assert half.grad.item() == pytest.approx((forces[1] - forces[0])[:, 2].sum(), rel=1e-12)
 
 
 GENERIC = {
@@ -71,12 +62,6 @@ def test_named_corners_and_float32():
     assert points.grad.numpy() == pytest.approx(gradient, abs=1e-6)
 
 
-def test_second_derivative_is_refused():
-    points = tensor(wavy(32))
-    with pytest.raises(NotDifferentiableError, match="second derivatives"):
-        torch.autograd.grad(spinor_geom.minimal_area(points), points, create_graph=True)
-
-
 def test_missed_curve_warns():
     # on the disk, where power series converge slowly at the bend
     bent = wavy(24) * [1, 1, 2]
@@ -97,8 +82,3 @@ def test_missed_curve_warns():
 def test_wrong_arguments(points, options, message):
     with pytest.raises(OptionError, match=message):
         spinor_geom.minimal_area(points, **options)
-
-
-def test_rings_too_far_apart():
-    with pytest.raises(SurfaceError, match="no connected minimal surface spans them"):
-        spinor_geom.minimal_area([torch.tensor(RING - 2 * LIFT), torch.tensor(RING + 2 * LIFT)])

@@ -17,14 +17,6 @@ from tests.gradients.cases import LIFT, QUADRILATERAL, RING, TURN, wavy
 AROUND = [np.array([[0, -np.sin(a), np.cos(a)], [0, np.cos(a), np.sin(a)], [-1, 0, 0]]) for a in (0.0, 2.1, 4.2)]
 
 
-def test_vertices_are_those_of_the_patch():
-    points = torch.tensor(wavy(48), requires_grad=True)
-    vertices, faces = spinor_geom.minimal_surface(points, target_edge_length=0.3)
-    patch = spinor_geom.mesh_patch(solve_plateau(wavy(48), between="quintic", tolerance=1e-6), target_edge_length=0.3)
-    assert np.array_equal(vertices.detach().numpy(), patch.vertices)
-    assert np.array_equal(faces.numpy(), patch.faces)
-
-
 def test_rim_vertices_are_the_points():
     points = torch.tensor(wavy(48), requires_grad=True)
     vertices, _ = spinor_geom.minimal_surface(points)

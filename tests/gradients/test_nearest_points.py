@@ -8,7 +8,6 @@ import pytest
 from scipy.optimize import brentq
 
 from spinor_geom import gallery
-from spinor_geom.errors import OptionError
 from spinor_geom.gradients.nearest_points import nearest
 from spinor_geom.meshing.embed import mesh_surface
 from spinor_geom.plateau import solve_plateau
@@ -47,11 +46,3 @@ def test_no_point_of_a_dense_mesh_is_nearer(points):
     # the error of the dense mesh
     excess = np.linalg.norm(found - places[is_inner], axis=1) - np.sqrt(np.ravel(squared)[is_inner])
     assert np.abs(excess).max() < 1e-4 * size
-
-
-@pytest.mark.parametrize("place", [[-0.881, 0.021, 1.025], [-0.302, 0.676, -1.165], [0, 0, 50.0], [1.5, 0, 0]])
-def test_places_nearest_to_the_boundary_are_refused(place):
-    t = 2 * np.pi * np.arange(100) / 100
-    solution = solve_plateau(np.column_stack([np.cos(t), np.sin(t), 0.3 * np.cos(2 * t)]))
-    with pytest.raises(OptionError, match="place 1 is nearest to the boundary"):
-        nearest(solution, np.array([[0.1, 0, 0], place]))

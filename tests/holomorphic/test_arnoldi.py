@@ -47,14 +47,6 @@ def test_recurrence_holds():
     assert (subdiagonal.real > 0).all()
 
 
-def test_polynomials_of_the_circle_are_powers():
-    z, weight = nodes(1)
-    basis = arnoldi_polynomials(0.5 * z, arnoldi_hessenberg(z, weight, 10))
-    powers = (0.5 * z)[:, None] ** torch.arange(11)
-    # the spline through 120 points is a circle to 1e-7
-    torch.testing.assert_close(basis, powers, rtol=0, atol=1e-6)
-
-
 def test_leja_points_are_distinct_and_begin_at_the_far_end():
     z, _ = nodes(8)
     points = leja_points(z, DEGREE + 1)
@@ -87,10 +79,3 @@ def test_slope_of_the_interpolation_equals_difference_quotient():
     quotient = (interpolated(where + h, *of) - interpolated(where - h, *of)) / (2 * h)
     derivative = interpolated_slope(where, *of)
     assert float((quotient - derivative).abs().max() / derivative.abs().max()) < 1e-7
-
-
-def test_interpolation_of_a_constant():
-    z, _ = nodes(1)
-    of = (points := leja_points(z, 1), barycentric_weights(points), torch.full((1, 2), 3, dtype=torch.complex128))
-    torch.testing.assert_close(interpolated(z, *of), torch.full((len(z), 2), 3 + 0j, dtype=z.dtype), rtol=0, atol=1e-15)
-    assert interpolated_slope(0.5 * z, *of).abs().max() < 1e-14

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 import torch
-import torch.autograd.forward_ad as forward_ad
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -50,16 +49,6 @@ def test_targets_beside_and_far_from_random_curves(boundary, seed, n):
     check_sums(sources, random_complex(rng, len(sources), 3), np.concatenate([beside, crowd]))
 
 
-@pytest.mark.parametrize("scale", [1e-8, 1e8])
-@pytest.mark.parametrize("sums", [cauchy_sums, fast_sums])
-def test_scale_of_the_plane_does_not_matter(scale, sums):
-    rng = np.random.default_rng(0)
-    sources = ELLIPSE.point(np.arange(300) / 300)
-    strengths, targets = random_complex(rng, 300, 1), random_complex(rng, 200)
-    scaled = sums(scale * sources, scale * strengths, scale * targets)
-    np.testing.assert_allclose(scaled, sums(sources, strengths, targets), rtol=1e-9)
-
-
 def test_sources_at_one_point_and_targets_at_one_point():
     rng = np.random.default_rng(0)
     check_sums(np.ones(40, dtype=complex), random_complex(rng, 40, 2), np.full(60, 3 + 1j))
@@ -76,11 +65,6 @@ def test_sums_at_a_source_are_not_finite_and_the_others_are(sums):
     assert not np.isfinite(sums(sources, np.ones((100, 1)), sources)).any()
     # a single one is a cluster without extent
     assert not np.isfinite(sums(sources[:1], np.ones((1, 1)), sources[:1])).any()
-
-
-@pytest.mark.parametrize("sums", [cauchy_sums, fast_sums])
-def test_no_targets(sums):
-    assert sums(ELLIPSE.point(np.arange(20) / 20), np.ones((20, 2)), np.zeros(0, dtype=complex)).shape == (0, 2)
 
 
 # --- in the interpolant -----------------------------------------------------------------------------------------------
@@ -101,36 +85,6 @@ def test_values_at_many_points_are_exact():
     np.testing.assert_allclose(model.value(points), plain, rtol=0, atol=1e-11)
     # at the nodes to the last bit
     np.testing.assert_array_equal(model.value(model.nodes), model.values)
-
-
-# derivatives and batches of values, in all the ways that torch knows
-TRANSFORMS = {
-    "jvp": lambda f, z: torch.func.jvp(f, (z,), (torch.ones_like(z),))[1],
-    "jvp twice": lambda f, z: TRANSFORMS["jvp"](lambda w: TRANSFORMS["jvp"](f, w), z),
-    "vjp": lambda f, z: torch.func.vjp(f, z)[1](torch.ones(len(z), 2, dtype=z.dtype))[0],
-    "vmap": lambda f, z: torch.func.vmap(f)(z.reshape(4, -1)),
-    "vmap of jvp": lambda f, z: torch.func.vmap(lambda w: TRANSFORMS["jvp"](f, w))(z),
-    "forward mode": lambda f, z: tangent_of(f, z),
-}
-
-
-def tangent_of(function, z):
-    with forward_ad.dual_level():
-        return forward_ad.unpack_dual(function(forward_ad.make_dual(z, torch.ones_like(z)))).tangent
-
-
-@pytest.mark.parametrize("transform", TRANSFORMS.values(), ids=TRANSFORMS.keys())
-def test_values_at_many_points_can_be_transformed(transform):
-    model, points = model_and_points()
-    points = 0.8 * points
-
-    def exact(z):
-        return torch.stack([torch.exp(z), z**3], dim=-1)
-
-    with torch.no_grad():
-        torch.testing.assert_close(transform(model.value, points), transform(exact, points), rtol=0, atol=1e-9)
-    # gradients of the parameters too
-    assert model.value(points).requires_grad
 
 
 def test_points_that_are_not_finite_do_not_change_the_values_at_others():

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 import torch
@@ -12,7 +10,6 @@ from hypothesis import strategies as st
 
 from spinor_geom.domain import FourierBoundary
 from spinor_geom.holomorphic.interpolant import CauchyInterpolant
-from spinor_geom.surface.module import as_module
 from tests.strategies import SEEDS, analytic_boundaries
 
 # half-axes 2 and 1, 8 and 1, by their own angle; a curve without symmetry
@@ -76,26 +73,6 @@ def test_derivatives_of_entire_functions(boundary, depth):
     assert error < 1e-12 / depth * float(functions(z).abs().max())
 
 
-@every_boundary
-def test_derivatives_at_the_nodes_are_the_limits_there(boundary):
-    model = interpolating(boundary, 192)
-    with torch.no_grad():
-        z = torch.stack([model.nodes, points_inside(boundary, 0.5, count=192)])
-        error = float((model.derivative(z) - derivatives(z)).abs().max())
-    # the nodes lie 1/200 of ∂Ω apart
-    assert error < 1e-10 * float(functions(z).abs().max())
-
-
-@every_boundary
-def test_error_falls_exponentially_in_the_number_of_nodes(boundary):
-    z = points_inside(boundary, 0.02)
-    with torch.no_grad():
-        errors = [float((interpolating(boundary, n).value(z) - functions(z)).abs().max()) for n in (8, 16, 32, 64)]
-    for before, after in pairwise(errors):
-        assert after < 0.1 * before + 1e-13
-    assert errors[-1] < 1e-5 * errors[0]
-
-
 def test_pole_outside_near_the_boundary_is_resolved_by_nodes_as_near():
     """1/(z − 2.15) beside the ellipse's tip: the error falls like e^(−n·d) with d its distance in the parameter."""
     boundary = BOUNDARIES["2:1"]
@@ -125,33 +102,4 @@ def test_polynomials_on_random_domains(boundary, seed, depth):
     assert float(error.abs().max()) < 1e-9
 
 
-def test_constants_are_reproduced_whatever_the_nodes():
-    random = np.random.default_rng(0)
-    nodes, weights = (torch.tensor(random.normal(size=(20, 2)) @ [1, 1j]) for _ in range(2))
-    model = CauchyInterpolant(nodes, weights, torch.full((20, 2), 2 - 3j, dtype=torch.complex128))
-    z = torch.tensor(random.normal(size=(50, 2)) @ [1, 1j])
-    with torch.no_grad():
-        assert float((model.value(z) - (2 - 3j)).abs().max()) < 1e-12
-
-
 # --- as a model -------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("shape", [(), (7,), (2, 3), (0,), (2, 0)])
-def test_shape_and_dtype_follow_the_points(shape):
-    model = interpolating(BOUNDARIES["2:1"], 32)
-    z = torch.full(shape, 0.2 + 0.1j, dtype=torch.complex128)
-    with torch.no_grad():
-        for values in (model.value(z), model.derivative(z)):
-            assert values.shape == (*shape, 2)
-            assert values.dtype == torch.complex128
-        single = CauchyInterpolant(*(t.to(torch.complex64) for t in (model.nodes, model.weights, model.values)))
-        assert single.value(z.to(torch.complex64)).dtype == torch.complex64
-
-
-def test_values_of_a_module_are_a_copy():
-    values = torch.ones(8, 2, dtype=torch.complex128)
-    z, dz, _ = (torch.from_numpy(row) for row in FourierBoundary.circle().grid(8))
-    module = as_module(CauchyInterpolant(z, dz, values))
-    values[:] = 5
-    assert (module.values == 1).all()

@@ -93,13 +93,6 @@ def test_catenoid_is_two_terms():
         torch.testing.assert_close(made.primitive(z), torch.stack([z, -1 / z, -torch.log(z)], dim=-1))
 
 
-def test_antiperiodic_spinors_jump_where_their_products_do_not():
-    made = series(3, 2, ONE, (True,))
-    above, below = torch.tensor([-0.7 + 1e-12j, -0.7 - 1e-12j], dtype=torch.complex128)
-    with torch.no_grad():
-        torch.testing.assert_close(made.value(above), -made.value(below))
-
-
 def test_sizes_that_are_none_are_refused():
     one = torch.ones(1, 2, dtype=torch.complex128)
     with pytest.raises(OptionError, match="disjoint"):

@@ -7,7 +7,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from spinor_geom.holomorphic.series import PowerSeries, power_moments, power_sums
-from spinor_geom.surface.module import as_module
 from tests.strategies import SEEDS
 
 
@@ -54,26 +53,6 @@ def test_integrals_equal_quadrature_along_rays(terms, seed, radius, center):
         torch.testing.assert_close(series.primitive(z), expected, rtol=0, atol=1e-14 * radius * terms**1.5)
 
 
-def test_integrals_are_differentiable_by_the_coefficients():
-    def integral(coefficients):
-        series = as_module(PowerSeries(torch.zeros(3, 2, dtype=torch.complex128)))
-        return torch.func.functional_call(Integral(series), {"series.coefficients": coefficients}, (points_in_disk(4),))
-
-    coefficients = random_series(3).coefficients.detach().requires_grad_()
-    assert torch.autograd.gradcheck(integral, (coefficients,))
-
-
-class Integral(torch.nn.Module):
-    """functional_call calls a module, so the integral becomes one."""
-
-    def __init__(self, series):
-        super().__init__()
-        self.series = series
-
-    def forward(self, z):
-        return self.series.primitive(z)
-
-
 # --- long series ------------------------------------------------------------------------------------------------------
 
 
@@ -100,17 +79,6 @@ def test_geometric_series_of_thousands_of_terms():
         # ∫ p² = z/(1 − 0.998 z) to the same terms, and q = ip
         torch.testing.assert_close(integrals[:, 0], z * exact, rtol=1e-11, atol=0)
         torch.testing.assert_close(integrals[:, 1:], torch.stack([-z * exact, 1j * z * exact], -1), rtol=1e-11, atol=0)
-
-
-def test_long_series_at_many_points_takes_little_memory():
-    resource = pytest.importorskip("resource", reason="on Windows nothing tells the peak of the memory")
-    series, z = geometric_series(0.99, 5000), points_in_disk(20_000)
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    with torch.no_grad():
-        value = series.value(z)
-    # kibibytes; a table of all powers would take 1.5 GiB
-    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 200_000
-    torch.testing.assert_close(value[:, 0], 1 / (1 - 0.99 * z), rtol=1e-12, atol=0)
 
 
 def test_moments_are_the_transpose_of_sums():

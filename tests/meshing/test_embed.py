@@ -2,18 +2,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from spinor_geom import gallery, read_mesh, solve_plateau
 from spinor_geom.domain.sizes import EdgeLengths
 from spinor_geom.domain.triangulation import triangulate_polygon
-from spinor_geom.errors import CadFileError, DomainError, OptionError, TooManyPointsError
+from spinor_geom.errors import CadFileError, DomainError, OptionError
 from spinor_geom.measures import discrete_mean_curvature, smallest_angles
 from spinor_geom.mesh.intersections import self_intersections
 from spinor_geom.meshing.embed import Patch, mesh_over_points, mesh_patch, over_domain_of_angles
 from tests.exact_solutions import ENNEPER, PLANE, exact_solution
-from tests.loops import noisy_ellipse
 from tests.sizes import constant_size
 
 
@@ -63,19 +60,6 @@ def test_relaxed_mesh_has_no_discrete_mean_curvature_and_stays_by_the_surface():
     assert angles[1] == pytest.approx(angles[0], abs=1)
 
 
-def test_positions_are_exact_where_the_patch_falls_into_parts():
-    # a dumb-bell: its two inner parts are joined by a neck one triangle wide
-    t = np.linspace(0, 2 * np.pi, 60, endpoint=False)
-    rim = 0.8 * np.cos(t) + 1j * np.sin(t) * (0.03 + 0.5 * np.cos(t) ** 2)
-    surface = exact_solution(ENNEPER, 60).surface
-    plane = triangulate_polygon(rim)
-    inner = plane.edges[plane.edges[:, 0] >= 60] - 60
-    count = len(plane.points) - 60
-    assert connected_components(coo_array((np.ones(len(inner)), inner.T), shape=(count, count)), directed=False)[0] == 2
-    expected = surface.position(plane.points[60:])
-    assert surface.positions_inside(plane.points[60:]) == pytest.approx(expected, abs=1e-12)
-
-
 def test_patch_area_converges_to_the_exact_area_at_order_two():
     counts = np.array([30, 60, 120])
     error = []
@@ -100,26 +84,9 @@ def test_inner_edges_are_as_long_as_asked_for(share):
     assert length.max() < 1.7 * target
 
 
-def test_uneven_loop_gives_good_triangles_away_from_its_short_edges():
-    t = np.linspace(0, 1, 120, endpoint=False)
-    solution = exact_solution(ENNEPER, t + 0.12 * np.sin(2 * np.pi * t))
-    patch = mesh_patch(solution)
-    check_is_a_patch(patch, solution)
-    short = np.flatnonzero(solution.loop.edge_lengths < solution.loop.mean_edge_length)
-    faces, smallest = patch.faces, smallest_angles(patch.vertices, patch.faces)
-    touches = (np.isin(faces, short) & (np.roll(faces, -1, axis=1) == (faces + 1) % 120)).any(axis=1)
-    assert (smallest[~touches] >= 20).mean() >= 0.99
-
-
 def test_plane_patch_has_the_polygon_s_area():
     patch = mesh_patch(exact_solution(PLANE, 40))
     assert patch.area == pytest.approx(20 * np.sin(2 * np.pi / 40), rel=1e-13)
-
-
-@pytest.mark.parametrize("length", [0.0, -1.0, np.nan, np.inf])
-def test_edge_length_that_is_not_positive_is_refused(length):
-    with pytest.raises(OptionError):
-        mesh_patch(exact_solution(PLANE, 8), length)
 
 
 def test_loop_points_that_cross_in_the_domain_are_refused():
@@ -159,18 +126,6 @@ def test_rims_of_known_curves_are_divided(is_formula: bool) -> None:
     assert abs(fine.area - known.area) < abs(auto.area - known.area) / 8
     at = {tuple(point) for point in fine.vertices[: fine.boundary_size].tolist()}
     assert {tuple(point) for point in known.loop.points.tolist()} <= at
-
-
-def test_too_many_points_are_refused_before_rims_are_divided() -> None:
-    with pytest.raises(TooManyPointsError):
-        mesh_patch(solve_plateau(gallery.tennis_seam(0.75).sample(32)), 1e-12)
-
-
-def test_rims_of_rough_loops_and_fills_are_not_divided() -> None:
-    rough = solve_plateau(noisy_ellipse(40))
-    assert mesh_patch(rough, rough.loop.mean_edge_length / 4).boundary_size == 40
-    smooth = gallery.tennis_seam(0.75).sample(32)
-    assert mesh_over_points(solve_plateau(smooth), smooth.mean_edge_length / 4).boundary_size == 32
 
 
 def test_a_patch_is_written_in_every_format(tmp_path: Path) -> None:

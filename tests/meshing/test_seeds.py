@@ -2,9 +2,8 @@ import numpy as np
 import pytest
 
 from spinor_geom import BoundaryLoop
-from spinor_geom.domain.plane_domain import FourierBoundary, PlaneDomain
 from spinor_geom.meshing.embed import mesh_patch
-from spinor_geom.meshing.triangulate import even_seeds, is_unit_disk
+from spinor_geom.meshing.triangulate import even_seeds
 from spinor_geom.plateau import solve_plateau
 
 
@@ -35,18 +34,6 @@ def test_a_flattening_that_overlaps_itself_gives_points_of_the_disk_only():
     seeds, _ = even_seeds(np.abs(np.exp(4 * z)), 0.5, 1e4)
     assert len(seeds)
     assert (np.abs(seeds) < 1).all()
-
-
-def test_there_are_none_where_the_flattening_is_far_larger_than_the_surface():
-    # Enneper's surface: λ = 2 all around, and 1 in the middle
-    assert even_seeds(np.full(64, 2.0), 0.1, 7 * np.pi / 3) is None
-
-
-def test_only_the_unit_disk_is_the_unit_disk():
-    assert is_unit_disk(PlaneDomain.disk())
-    assert not is_unit_disk(PlaneDomain.disk(2.0))
-    assert not is_unit_disk(PlaneDomain.inside(FourierBoundary(np.array([0.2, 0.0, 1.0]), 64)))
-    assert not is_unit_disk(PlaneDomain.annulus(0.5))
 
 
 @pytest.mark.parametrize("factor", [0.3, 1.0, 3.0])

@@ -29,13 +29,6 @@ def test_size_is_target_over_stretch_inside():
     assert patch_size_field(surface, circle(200), 0.02)(z) == pytest.approx(np.full(7, 0.02 / 1.25), rel=0.05)
 
 
-def test_size_is_the_local_edge_at_the_boundary():
-    surface = exact_solution(PLANE, 60).surface
-    edge = abs(circle(60)[1] - 1)
-    for target in (0.1 * edge, edge, 10 * edge):
-        assert patch_size_field(surface, circle(60), target)(circle(60)) == pytest.approx(np.full(60, edge))
-
-
 def test_size_grows_and_falls_no_faster_than_allowed():
     surface = exact_solution(PLANE, 60).surface
     edge, z = abs(circle(60)[1] - 1), np.linspace(1, 0.5, 30) + 0j

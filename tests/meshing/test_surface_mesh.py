@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from spinor_geom import gallery
-from spinor_geom.errors import OptionError
 from spinor_geom.gallery.known import KnownSurface
 from spinor_geom.meshing.embed import mesh_surface
 
@@ -23,16 +22,3 @@ def test_vertices_are_on_the_surface_and_as_many_as_asked_for(known: KnownSurfac
     a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
     edges = np.linalg.norm(np.concatenate([b - a, c - b, a - c]), axis=1)
     assert np.quantile(edges, 0.99) < 2.5 * np.quantile(edges, 0.01)
-
-
-def test_corners_are_vertices() -> None:
-    surface = gallery.catenoid().surface
-    boundary = surface.domain.boundary
-    mesh = mesh_surface(surface, vertices=500)
-    away = np.abs(boundary.vertices[boundary.corners][:, None] - mesh.points[: mesh.boundary_size])
-    assert away.min(axis=1).max() < 1e-12
-
-
-def test_too_few_vertices_are_refused() -> None:
-    with pytest.raises(OptionError):
-        mesh_surface(gallery.enneper().surface, vertices=2)

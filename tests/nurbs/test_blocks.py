@@ -1,6 +1,5 @@
 """Quadrilaterals that cover Ω, by the area that their sides enclose."""
 
-import tracemalloc
 from functools import cache
 from typing import Any
 
@@ -14,7 +13,7 @@ from spinor_geom.domain.delaunay import cross
 from spinor_geom.errors import DomainError
 from spinor_geom.gallery import curves
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.nurbs.blocks import Blocks, _levelled, _Ring
+from spinor_geom.nurbs.blocks import Blocks, _Ring
 from spinor_geom.nurbs.rims import Rim
 from spinor_geom.plateau.solution import PlateauSolution
 
@@ -117,15 +116,3 @@ def test_rims_that_run_back_and_forth_are_an_error_after_few_rounds() -> None:
         with pytest.raises(DomainError, match="too far from its curve"):
             Blocks.of(solution.domain, [BackAndForth(match=rim.match, start=rim.start, primitive=rim.primitive)])
     assert max(sizes) < 1024
-
-
-def test_depths_of_many_quadrilaterals_take_little_memory() -> None:
-    count = 6000  # all distances at once would take 0.6 GB
-    circle = np.exp(2j * np.pi * np.arange(count) / count)
-    depth = np.where(np.arange(count) == 0, 0.0, 1.0)
-    tracemalloc.start()
-    levelled = _levelled(depth, circle)
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    np.testing.assert_allclose(levelled, np.minimum(1.0, 0.15 * abs(circle - 1)), atol=1e-12)
-    assert peak < 2**28

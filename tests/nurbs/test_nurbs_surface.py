@@ -12,13 +12,12 @@ import pytest
 import spinor_geom
 from spinor_geom import gallery
 from spinor_geom.errors import CadFileError, DomainError, OptionError
-from spinor_geom.gallery import curves, schwarz, surfaces
+from spinor_geom.gallery import curves, surfaces
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.rational_splines import NurbsPatch
 from spinor_geom.nurbs.nurbs_surface import NurbsSurface, nurbs_surface
 from spinor_geom.plateau.solution import PlateauSolution
 from tests.open_cascade import area_of, count, distances, free_boundary, free_wires, is_valid
-from tests.plateau.rims import KNOIDS, knoid
 
 SEAM_AREA = 4.36461878664500
 
@@ -43,11 +42,6 @@ SMOOTH: dict[str, Callable[[], PlateauSolution]] = {
     "enneper": cache(lambda: spinor_geom.solve_plateau(surfaces.enneper().rim(96))),
     "twisted": cache(lambda: spinor_geom.solve_plateau(gallery.twisted_circle())),
     "catenoid": cache(lambda: circles(-0.4, 0.4)),
-}
-CORNERED: dict[str, Callable[[], PlateauSolution]] = {
-    "quadrilateral": lambda: spinor_geom.solve_plateau(schwarz.schwarz_d_quadrilateral()),
-    "hexagon": lambda: spinor_geom.solve_plateau(schwarz.schwarz_d_hexagon()),
-    "helicoid": lambda: spinor_geom.solve_plateau(surfaces.helicoid().rim(96)),
 }
 
 
@@ -88,28 +82,6 @@ def test_area_converges_with_the_tolerance() -> None:
     errors = [abs(solution.to_nurbs(tolerance=each).area / SEAM_AREA - 1) for each in (1e-3, 1e-5, 1e-7)]
     assert errors[2] < errors[1] < errors[0] < 1e-3
     assert errors[2] < 1e-9
-
-
-@pytest.mark.slow
-def test_k_noids_have_their_known_area() -> None:
-    surface = spinor_geom.solve_plateau(knoid(3, 0.5)).to_nurbs()
-    assert surface.converged
-    assert len(surface.rims) == 3
-    assert abs(surface.area / KNOIDS[3, 0.5][0] - 1) < 1e-7
-    assert surface.deviations.normals < 2e-2
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", CORNERED)
-def test_cornered_films_meet_their_edges(name: str) -> None:
-    solution = CORNERED[name]()
-    surface = solution.to_nurbs(tolerance=2e-6)  # the quadrilateral has a residual of 1e-6
-    assert surface.converged
-    assert sides_agree(surface)
-    assert abs(surface.area / solution.area - 1) < 1e-6
-    assert surface.deviations.rim < 1e-7 * surface.deviations.diagonal
-    # 0.5 on the helicoid, where integrals away from the rims do not resolve corners
-    assert surface.deviations.normals < 0.3  # 0.7 where displacements of rims cross seams
 
 
 def test_boundary_curves_are_closed_and_pass_through_the_corners() -> None:
@@ -153,26 +125,6 @@ def test_normals_are_those_of_the_surface() -> None:
     assert np.cross(along, across) @ normal > 0
 
 
-def test_an_unconverged_solution_gives_unconverged_patches() -> None:
-    solution = spinor_geom.solve_plateau(schwarz.schwarz_d_quadrilateral(), tolerance=1e-12, max_iterations=8)
-    assert not solution.converged
-    surface = solution.to_nurbs(tolerance=1e-2)
-    assert not surface.converged
-    assert "the solution has not converged" in surface.reason
-
-
-@pytest.mark.slow
-def test_patches_are_smooth_up_to_an_opened_corner() -> None:
-    solution = spinor_geom.solve_plateau(curves.l_shape(0.5))
-    surface = solution.to_nurbs()
-    assert surface.converged
-    assert abs(surface.area / solution.area - 1) < 1e-7  # the solve is continued
-    assert surface.deviations.rim < 1e-12 * surface.deviations.diagonal
-    # at the corner the surface turns over within 1e-5 of its size
-    assert surface.deviations.normals < 5
-    assert surface.size < 4000
-
-
 def test_refinement_ends_at_the_residual_of_the_solution() -> None:
     surface = raised_l()
     assert not surface.converged
@@ -186,15 +138,6 @@ def test_a_solve_is_continued_to_the_tolerance_of_patches() -> None:
     missed = solution.boundary_residual
     assert missed.max > 1e-6 * missed.diagonal
     assert pickle.loads(pickle.dumps(solution)).to_nurbs(tolerance=1e-6).converged
-
-
-@pytest.mark.slow
-def test_work_is_bounded_where_the_boundary_residual_exceeds_the_tolerance() -> None:
-    solution = spinor_geom.solve_plateau(gallery.random_curve(3))
-    surface = replace(solution, solved_to=None).to_nurbs(tolerance=1e-5)
-    assert not surface.converged
-    assert "residual" in surface.reason
-    assert surface.size < 25_000
 
 
 def test_surfaces_far_from_their_curve_are_reported() -> None:
@@ -260,44 +203,6 @@ def test_units_scale_the_file(tmp_path: Path) -> None:
     surface.save(tmp_path / "film.step", unit="in", name="skin")
     assert abs(area_of(read_shape(tmp_path / "film.step")) - 3 * 25.4**2) < 1e-9
     assert "skin" in (tmp_path / "film.step").read_text()
-
-
-def test_films_too_small_for_cad_are_an_error() -> None:
-    pytest.importorskip("OCP")
-    loop = BoundaryLoop.from_points(1e-6 * surfaces.enneper().rim(48).points, corners=())
-    surface = spinor_geom.solve_plateau(loop).to_nurbs(tolerance=1e-3)
-    with pytest.raises(CadFileError, match="too short"):
-        surface.shell()
-
-
-@pytest.mark.slow
-def test_a_ragged_rim_is_followed() -> None:
-    solution = spinor_geom.solve_plateau("data/demosthenes_low_res.obj")
-    surface = solution.to_nurbs(tolerance=1e-5)
-    edge, diagonal = solution.loop.mean_edge_length, surface.deviations.diagonal
-    assert surface.deviations.rim < 1e-4 * edge
-    assert surface.deviations.surface < 1e-5 * diagonal + 2 * solution.boundary_residual.max
-    assert surface.deviations.normals < 1  # 72 where Γ has gaps at its points, or t jumps there
-
-
-@pytest.mark.slow
-def test_a_ragged_rim_with_a_small_tolerance_gives_patches_near_the_surface() -> None:
-    solution = spinor_geom.solve_plateau("data/demosthenes_low_res.obj", tolerance=1e-4)
-    surface = solution.to_nurbs()
-    assert surface.converged
-    assert surface.deviations.surface < 1e-4 * solution.loop.mean_edge_length
-    assert surface.deviations.normals < 0.1
-
-
-def test_a_patch_is_evaluated_as_its_sides() -> None:
-    rng = np.random.default_rng(1)
-    knots = np.array([0.0, 0, 0, 0.5, 1, 1, 1])
-    net, weights = rng.normal(size=(4, 4, 3)), 1 + rng.random((4, 4))
-    patch = NurbsPatch(control_points=net, weights=weights, knots=(knots, knots))
-    u = np.linspace(0, 1, 9)
-    ends = [patch.grid(u, np.zeros(1))[:, 0], patch.grid(np.ones(1), u)[0], patch.grid(u, np.ones(1))[:, 0]]
-    for side, expected in enumerate(ends):
-        assert np.abs(patch.side(side).point(u) - expected).max() < 1e-14
 
 
 def test_derivatives_of_rational_patches_are_limits_of_differences() -> None:

@@ -4,18 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.polynomial import polynomial as poly
 from scipy.interpolate import BSpline
 
 import spinor_geom
-from spinor_geom.domain.plane_domain import FourierBoundary, PlaneDomain
-from spinor_geom.errors import OptionError
 from spinor_geom.gallery import surfaces
 from spinor_geom.gallery.known import KnownSurface
-from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.nurbs.nurbs_surface import NurbsSurface
-from spinor_geom.nurbs.polynomial_disk import PolynomialDisk
-from spinor_geom.surface.array_surface import ArraySurface
 from tests.open_cascade import area_of, distances, free_boundary, free_wires, is_valid
 
 CASES = {
@@ -71,29 +65,6 @@ def test_a_solution_with_polynomials_is_exact() -> None:
     assert "exact" in film.reason
     assert abs(film.area / known.area - 1) < 1e-13
     assert film.deviations.rim < 1e-13
-
-
-def test_other_disks_and_maps_of_p_and_q() -> None:
-    rng = np.random.default_rng(2)
-    terms = rng.normal(size=(3, 2)) + 1j * rng.normal(size=(3, 2))
-    boundary = FourierBoundary(np.array([0.0, 1 + 2j, 0.6j]), 48)
-    matrix = rng.normal(size=(2, 2)) + 1j * rng.normal(size=(2, 2))
-    surface = ArraySurface(
-        PowerSeries(terms, center=0.5j, radius=1.5), PlaneDomain.inside(boundary), (1, 2, 3), spinor_map=matrix
-    )
-    disk = PolynomialDisk.of(surface)
-    assert disk is not None
-    w = np.sqrt(rng.random(20)) * np.exp(2j * np.pi * rng.random(20))
-    found = np.moveaxis(poly.polyval(w, disk.coefficients).real, 0, -1)
-    assert np.abs(found - surface.position(1 + 2j + 0.6j * w)).max() < 1e-12 * np.abs(found).max()
-    assert abs(NurbsSurface.of_polynomials(surface).area / surface.area() - 1) < 1e-12
-
-
-def test_surfaces_without_exact_patches_are_an_error() -> None:
-    with pytest.raises(OptionError, match="polynomials of degree 6"):
-        NurbsSurface.of_polynomials(surfaces.random_polynomial(0, degree=6).surface)
-    with pytest.raises(OptionError, match="not polynomials on a disk"):
-        NurbsSurface.of_polynomials(surfaces.catenoid().surface)
 
 
 # IGES files have fewer digits

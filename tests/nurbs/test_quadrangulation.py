@@ -34,11 +34,6 @@ def test_quadrilaterals_fill_a_polygon(count: int) -> None:
     assert min(area(quad) for quad in z[quads]) > 0
 
 
-def test_odd_and_thin_polygons_have_no_division() -> None:
-    assert quadrangulated(np.exp(2j * np.pi * np.arange(5) / 5), neighbours(5)) is None
-    assert quadrangulated(np.array([0, 1, 1 + 0.05j, 0.5 + 0.01j]), neighbours(4)) is None
-
-
 def test_corners_are_left_out_where_sides_pass_them() -> None:
     """A square with three more corners on its sides, of which two can be left out."""
     z = np.array([0, 0.5, 1, 1 + 0.5j, 1 + 1j, 0.5 + 1j, 1j])

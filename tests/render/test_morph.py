@@ -11,17 +11,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import spinor_geom
 from spinor_geom import gallery
 from spinor_geom.cli.main import main
 from spinor_geom.domain import PlaneDomain
-from spinor_geom.errors import MissingPackageError, OptionError, PeriodError, SurfaceError
+from spinor_geom.errors import OptionError, PeriodError
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
-from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.meshing.embed import mesh_surface
 from spinor_geom.render.morph import SUFFIXES, morph
 from spinor_geom.render.page import farthest
-from spinor_geom.render.portrait import GAUSS, GRID_LINES, Portrait, grid_lines, surface_layers
+from spinor_geom.render.portrait import GAUSS, GRID_LINES, grid_lines, surface_layers
 from spinor_geom.render.scene import Faces
 from spinor_geom.surface.array_surface import ArraySurface
 from tests.browser import browser, visit
@@ -104,23 +102,6 @@ def test_a_pole_in_the_domain_is_named_as_the_reason_for_no_family() -> None:
     np.testing.assert_allclose(caught.value.period, [0, 0, -4 * np.pi], atol=1e-9)
 
 
-def test_a_surface_without_family_has_a_picture() -> None:
-    t = 2 * np.pi * np.arange(24) / 24
-    circle = np.column_stack([np.cos(t), np.sin(t), 0 * t])
-    annulus = spinor_geom.solve_plateau([circle, circle + np.array([0, 0, 0.8])])
-    with pytest.raises(PeriodError):
-        surface_layers(annulus.surface, family=True)
-    boundary = Portrait.of(annulus).layers[-1]
-    start, end = boundary.vertices[boundary.edges].swapaxes(0, 1)
-    assert np.abs(end - start)[:, 2].max() < 0.1  # no line from one boundary curve to the other
-
-
-def test_a_point_is_no_surface() -> None:
-    nothing = ArraySurface(PowerSeries(np.zeros((2, 2), dtype=np.complex128)), PlaneDomain.disk())
-    with pytest.raises(SurfaceError, match="area 0"):
-        surface_layers(nothing)
-
-
 def test_an_animation_has_its_frames_and_begins_with_the_surface(tmp_path: Path) -> None:
     from PIL import Image, ImageSequence
 
@@ -143,18 +124,6 @@ def test_an_animation_has_its_frames_and_begins_with_the_surface(tmp_path: Path)
     red, _, blue = np.moveaxis(frames[0], -1, 0)
     assert ((red - blue) > 60).mean() > 0.02
     assert ((blue - red) > 40).mean() > 0.02
-
-
-@pytest.mark.slow
-def test_a_film_has_its_frames(tmp_path: Path) -> None:
-    import imageio_ffmpeg
-
-    path = tmp_path / "enneper.MP4"
-    morph(gallery.enneper(0.8).surface, path, frames=3)
-    frames, seconds = imageio_ffmpeg.count_frames_and_secs(str(path))
-    assert frames == 3
-    assert seconds == pytest.approx(3 / 25, abs=0.05)
-    assert len(list(tmp_path.iterdir())) == 1
 
 
 def test_the_page_holds_surface_and_conjugate(tmp_path: Path) -> None:
@@ -201,17 +170,6 @@ def test_an_unknown_format_is_refused_before_any_work(
     assert main(["morph", "catenoid", "-o", str(tmp_path / name)]) == 2
     assert "one of .gif, .html, .mp4" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
-
-
-def test_no_frames_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(OptionError, match="at least one frame"):
-        morph(gallery.catenoid().surface, tmp_path / "a.gif", frames=0)
-
-
-def test_a_missing_encoder_is_named_with_its_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None if name == "imageio_ffmpeg" else object())
-    with pytest.raises(MissingPackageError, match=r"'\.\[video\]'"):
-        morph(gallery.catenoid().surface, tmp_path / "a.mp4")
 
 
 def test_the_command_takes_a_name_or_a_saved_surface(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
-import tempfile
-from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,11 +10,8 @@ import pytest
 from spinor_geom.cli.main import main
 from spinor_geom.errors import RenderError
 from spinor_geom.fill.fill_hole import fill_hole
-from spinor_geom.fill.loop_choice import boundary_loops
-from spinor_geom.isolate import Event, FaultError, Process
-from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.render import png
-from spinor_geom.render.fill_scene import fill_scene, loops_scene
+from spinor_geom.render.fill_scene import fill_scene
 from spinor_geom.render.scene import Scene
 from tests.fill.shapes import tube
 from tests.systems import signals
@@ -84,19 +77,6 @@ def test_pictures_show_the_colours_of_the_mesh(skin: str, tmp_path: Path) -> Non
         assert ((red > 2 * green) & (red > 150) & (blue < 30)).mean() < 1e-4, command
 
 
-@pytest.mark.slow
-def test_rims_are_drawn_with_their_numbers_and_without_patches(tmp_path: Path) -> None:
-    mesh = TriangleMesh(*tube())
-    scene = loops_scene(mesh, boundary_loops(mesh))
-    png.write_png(scene, tmp_path / "numbered.png", size=(800, 400))
-    png.write_png([replace(one, labels=()) for one in scene], tmp_path / "bare.png", size=(800, 400))
-    numbered, bare = pixels(tmp_path / "numbered.png"), pixels(tmp_path / "bare.png")
-    changed = (numbered != bare).any(axis=-1)
-    assert 50 < changed.sum() < 5000
-    red, green, blue = np.moveaxis(numbered, -1, 0)
-    assert ((red > 1.4 * green) & (green > 1.4 * blue) & (red > 120)).mean() < 0.001
-
-
 # what a process does that is to draw
 DRAWING = "import {}; from spinor_geom.isolate import serve; serve(lambda *_: exec({!r}))"
 
@@ -127,42 +107,3 @@ def test_a_failed_drawing_is_a_typed_error_and_leaves_no_file(
     with pytest.raises(RenderError, match=words):
         png.write_png(scene, folder / "picture.png")
     assert not list(folder.iterdir())
-
-
-@pytest.mark.parametrize(
-    ("system", "advice"), [("linux", "apt-get install"), ("darwin", "graphics driver"), ("win32", "graphics driver")]
-)
-def test_the_advice_is_for_the_system(monkeypatch: pytest.MonkeyPatch, system: str, advice: str) -> None:
-    monkeypatch.setattr("sys.platform", system)
-    for crash, message in (("an access violation", ""), ("", "ImportError: OpenGL32.dll")):
-        explained = png._explanation(FaultError("ended", kind="death", last={}, output=message, crash=crash))
-        assert advice in explained
-
-
-def test_a_job_is_a_closed_file_when_it_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
-    # Windows opens no temporary file a second time
-    monkeypatch.delattr(tempfile, "NamedTemporaryFile")
-    read: list[object] = []
-
-    def run(_: Process, job: dict[str, str], on_event: Callable[[Event], None], **__: object) -> None:
-        read.append(pickle.loads(Path(job["arguments"]).read_bytes()))
-
-    monkeypatch.setattr(Process, "run", run)
-    png.draw_apart("a", 1, time_limit=1.0)
-    assert read == [("a", 1)]
-
-
-def test_the_command_reports_it_before_it_works(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    arguments = [
-        "fill",
-        str(tmp_path / "mesh.obj"),
-        "-o",
-        str(tmp_path / "o.obj"),
-        "--picture",
-        str(tmp_path / "p.png"),
-    ]
-    assert main(arguments) == 2
-    assert "pyvista is not installed" in capsys.readouterr().err

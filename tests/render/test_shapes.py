@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import html
-import re
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +10,6 @@ import trimesh
 
 import spinor_geom
 from spinor_geom import fill_hole, gallery
-from spinor_geom.errors import MeshFileError
 from spinor_geom.fill.fill_result import FillResult
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.plateau.solution import PlateauSolution
@@ -92,18 +89,6 @@ def test_gltf_has_curvature_as_colours(enneper: PlateauSolution, tmp_path: Path)
         np.testing.assert_allclose(srgb[at], wanted, atol=20)
 
 
-def test_a_flat_mesh_without_inner_vertices_is_grey(tmp_path: Path) -> None:
-    TriangleMesh(np.eye(3), [[0, 1, 2]]).to_gltf(tmp_path / "one.glb")
-    (read,) = trimesh.load(tmp_path / "one.glb").geometry.values()
-    assert (np.ptp(read.visual.vertex_colors[:, :3], axis=1) == 0).all()
-
-
-def test_another_suffix_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(MeshFileError, match=r"\.glb"):
-        sphere().to_gltf(tmp_path / "sphere.obj")
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_what_a_notebook_shows_is_a_page_of_its_own_and_drawn(
     enneper: PlateauSolution, filled: FillResult, tmp_path: Path
 ) -> None:
@@ -129,16 +114,6 @@ def test_what_a_notebook_shows_is_a_page_of_its_own_and_drawn(
             assert drawn.json_value()
         assert opened.errors == []
         assert opened.foreign == []
-
-
-def test_names_are_escaped_twice_and_large_meshes_are_given_as_counts() -> None:
-    shape = shapes.shape_of(sphere())
-    frame = shape.framed(title='a"<b>')
-    (inner,) = re.findall(r'srcdoc="([^"]*)"', frame)
-    assert "<title>a&quot;&lt;b&gt;: 642 vertices" in html.unescape(inner)
-    large = TriangleMesh(np.eye(3), np.tile([[0, 1, 2]], (shapes.MOST_FACES + 1, 1)))._repr_html_()
-    assert "to_pyvista()" in large
-    assert "<iframe" not in large
 
 
 def test_a_fill_is_shown_with_its_patches_and_a_table_of_its_loops() -> None:

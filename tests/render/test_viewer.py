@@ -4,12 +4,11 @@ import base64
 import itertools
 import json
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from spinor_geom.render.page import Views, document, picture
+from spinor_geom.render.page import Views, document
 from spinor_geom.render.scene import Faces, Scene
 from tests.browser import browser, visit
 
@@ -59,31 +58,6 @@ def test_no_title_ends_the_script_or_the_page_or_hides_their_end(evil):
     assert "<!--" not in text
     assert "<title></script>" not in text
     assert views_of(text)[0]["title"] == evil
-
-
-def test_a_field_without_values_is_grey_and_pictures_are_in_the_page():
-    views = Views()
-    nothing = np.full(3, np.nan)
-    views.figure(Scene(layers=[replace(TRIANGLE, fields={"none": nothing})]))
-    (view,) = views_of(views.script())
-    assert view["scales"] == {}
-    assert picture(b"\x89PNG", 'a "b"').startswith('<img alt="a &quot;b&quot;" src="data:image/png;base64,iVBORw')
-
-
-def test_an_array_that_several_layers_have_is_in_the_page_once():
-    views = Views()
-    for title in ("a", "b"):
-        views.figure(Scene(title=title, layers=[TRIANGLE]))
-    text = views.script()
-    assert len(arrays_of(text)) == 2
-    first, second = (view["layers"][0] for view in views_of(text))
-    assert (first["vertices"], first["elements"]) == (second["vertices"], second["elements"])
-
-
-def test_the_page_has_three_js_with_its_licence():
-    text = Views().script()
-    assert "Three.js Authors" in text
-    assert "SPDX-License-Identifier: MIT" in text
 
 
 def test_the_first_of_very_many_views_is_still_drawn(tmp_path):

@@ -79,13 +79,6 @@ def test_henneberg_s_branch_points_are_not_removable(center):
     assert around(center, 0.3, lambda z: 1 - z**-4) == 1
 
 
-def test_bour_s_branch_point_is_not_removable():
-    # f = 1 and g = √ζ, Bour's surface, in z = √ζ: f dζ = 2z dz
-    data = torch.tensor([[0, 0], [2, 1]], dtype=torch.complex128)
-    (point,) = WeierstrassSurface(PowerSeries(data), PlaneDomain.disk(), torch.zeros(3)).branch_points()
-    assert (abs(point.z) < 1e-13, point.order, point.removable) == (True, 1, False)
-
-
 def test_the_frame_turns_once_around_the_neck_of_a_catenoid():
     assert around(0.0, 0.5, lambda z: z**-2) == 0
 
@@ -112,22 +105,10 @@ def test_zeros_of_p_and_q_are_found_apart():
         plane_disk().surface.spinor_zeros()  # q = 0
 
 
-def test_zeros_of_p_and_q_at_different_points_are_regular():
-    assert surface([-0.3, 1], [0.3, 1]).branch_points() == ()
-
-
 def test_a_branch_point_on_the_boundary_is_named():
     with pytest.raises(ZeroOnContourError, match="boundary") as error:
         surface([-1, 1], [-0.5, 0.5]).branch_points()
     assert abs(error.value.z - 1) < 0.2
-
-
-def test_branch_points_are_the_same_after_a_rotation():
-    common = poly.polyfromroots([0.2, -0.4j])
-    first = surface(common, poly.polymul(common, [0.1, 1]))
-    rotation = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
-    moved = first.transform(rotation, 3.0, [1.0, 2.0, 3.0]).associate(0.7)
-    np.testing.assert_allclose([p.z for p in moved.branch_points()], [p.z for p in first.branch_points()], atol=1e-12)
 
 
 def test_circles_around_branch_points_keep_clear_of_holes():

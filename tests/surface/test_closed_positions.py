@@ -54,11 +54,6 @@ def test_closed_positions_equal_quadrature_on_every_surface_of_the_model(seed, a
     np.testing.assert_allclose(surface.position(z), expected, rtol=0, atol=1e-12 * np.abs(expected).max())
 
 
-def test_position_of_the_root_is_the_constant_to_the_last_bit():
-    surface = random_surface(3)
-    np.testing.assert_array_equal(surface.position(np.array(surface.root)), surface.constant.detach().numpy())
-
-
 def test_surfaces_of_thousands_of_terms_are_conformal():
     terms = 4000
     powers = 0.995 ** torch.arange(terms, dtype=torch.float64) / torch.arange(1, terms + 1)

@@ -90,13 +90,6 @@ def test_su2_acts_on_phi_as_the_rotation(seed):
     np.testing.assert_allclose(formulas.phi(*turned.unbind(-1)), expected, atol=1e-13)
 
 
-@pytest.mark.parametrize("axis", range(3))
-def test_half_turns_lift(axis):
-    rotation = -torch.eye(3, dtype=torch.float64)
-    rotation[axis, axis] = 1
-    np.testing.assert_allclose(rotation_from_su2(frames.su2_from_rotation(rotation)), rotation, atol=1e-15)
-
-
 @pytest.mark.parametrize("matrix", [np.diag([1.0, 1.0, -1.0]), np.diag([1.0, 1.0, 1.1]), np.full((3, 3), np.nan)])
 def test_matrices_that_are_no_rotations_are_refused(matrix):
     with pytest.raises(OptionError):

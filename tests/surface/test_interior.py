@@ -5,7 +5,6 @@ import pytest
 import torch
 from scipy.special import erfi
 
-from spinor_geom.deadline import time_limit
 from spinor_geom.domain import FourierBoundary, PlaneDomain
 from spinor_geom.domain.plane_domain import SplineBoundary
 from spinor_geom.domain.triangulation import triangulate_polygon
@@ -39,17 +38,6 @@ def test_positions_by_the_fast_sums(surface, points):
     many = np.concatenate([points, BOUNDARY.point(t) + 0.01 * inwards])
     few = many[::40]
     np.testing.assert_allclose(surface.positions_inside(many)[::40], surface.position(few), rtol=0, atol=1e-10)
-
-
-def test_positions_take_less_time_where_little_is_left(surface):
-    t = (np.arange(5000) + 0.5) / 5000
-    z = BOUNDARY.point(t) + 1e-3j * BOUNDARY.derivative(t)
-    exact, is_accurate = surface.positions_in_time(z)
-    with time_limit(0.0):
-        fast, fast_is_accurate = surface.positions_in_time(z)
-    assert is_accurate
-    assert not fast_is_accurate
-    assert np.abs(fast - exact).max() < 1e-4 * np.ptp(exact, axis=0).max()
 
 
 @pytest.mark.parametrize("depth", [0.3, 1e-2, 1e-4, 1e-8])

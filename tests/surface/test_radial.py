@@ -6,7 +6,6 @@ import torch
 
 from spinor_geom.domain import PlaneDomain
 from spinor_geom.experiments.integration import radial_mean_curvature
-from spinor_geom.gallery import enneper
 from spinor_geom.holomorphic.mlp import ComplexMLP
 from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.surface.spinor_surface import SpinorSurface
@@ -65,18 +64,3 @@ def test_mean_curvature_falls_at_the_order_of_the_rule(model, quadrature, slope,
         for n in counts
     ]
     assert abs(fitted_slope(counts, h) - slope) < tolerance
-
-
-def test_simpson_is_exact_for_cubic_null_curves():
-    # Enneper's φ is of degree 2
-    surface = enneper(0.8).surface
-    simpson = SpinorSurface(surface.model, surface.domain, surface.constant, quadrature="simpson", order=2)
-    z = 0.8 * points()
-    # the surface's constant is where its own root is
-    np.testing.assert_allclose(radial_position(simpson, z), surface.position(z), atol=1e-14)
-    assert np.abs(radial_mean_curvature(simpson, z)).max() < 1e-13
-
-
-def test_mean_curvature_keeps_the_shape_of_the_points():
-    surface = SpinorSurface(SERIES, DISK, (1.0, 2.0, 3.0))
-    assert radial_mean_curvature(surface, points(6).reshape(2, 3)).shape == (2, 3)

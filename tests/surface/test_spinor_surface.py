@@ -45,14 +45,6 @@ def test_positions_equal_the_closed_formula(known):
     np.testing.assert_allclose(known.surface.position(z), known.position(z), atol=1e-14 * max(size, 1))
 
 
-def test_positions_of_a_cauchy_network_do_not_depend_on_the_path():
-    surface = cauchy_surface()
-    a, b = inside(surface.domain, 40, 1), inside(surface.domain, 40, 2)
-    stations = a + np.linspace(0, 1, 17)[:, None] * (b - a)
-    direct = surface.integrate(stations[:-1], stations[1:]).sum(axis=0)
-    np.testing.assert_allclose(surface.position(b) - surface.position(a), direct, atol=1e-13 * np.abs(direct).max())
-
-
 def horseshoe():
     """An annulus with a narrow gap along the positive real axis, finely divided on the lower side of the gap only."""
     t = np.linspace(0.01 * np.pi, 1.99 * np.pi, 60)
@@ -89,33 +81,6 @@ def test_points_must_be_finite(bad):
         enneper(0.8).surface.position(np.array([0, bad]))
 
 
-@pytest.mark.parametrize("shape", [(), (5,), (2, 3), (0,), (3, 0, 2)])
-def test_every_method_keeps_the_shape_of_the_points(shape):
-    surface = enneper(0.8).surface
-    z = np.full(shape, 0.3 + 0.1j)
-    tails = {
-        "position": (3,),
-        "normal": (3,),
-        "spinors": (2,),
-        "spinor_derivatives": (2,),
-        "conformal_factor": (),
-        "gauss_map": (),
-        "gauss_curvature": (),
-        "mean_curvature": (),
-        "first_fundamental_form": (2, 2),
-        "second_fundamental_form": (2, 2),
-    }
-    for name, tail in tails.items():
-        array = getattr(surface, name)(z)
-        tensor = getattr(surface, name)(torch.tensor(z))
-        assert isinstance(array, np.ndarray)
-        assert isinstance(tensor, torch.Tensor)
-        assert array.shape == tuple(tensor.shape) == shape + tail
-        np.testing.assert_allclose(array, tensor.detach().numpy(), rtol=1e-15, atol=1e-15)  # H is rounding error
-    f, g = surface.weierstrass_data(z)
-    assert f.shape == g.shape == shape
-
-
 def test_real_tensors_are_refused_and_real_arrays_are_points_of_the_real_axis():
     surface = enneper(0.8).surface
     with pytest.raises(DtypeError):
@@ -138,12 +103,6 @@ def test_area_of_a_cauchy_network_equals_the_double_integral():
     z = radius[:, None] * np.exp(2j * np.pi * np.arange(128) / 128)
     double = (surface.conformal_factor(z) ** 2 * (2 * np.pi / 128) * (radius * weight)[:, None]).sum()
     assert abs(surface.area() / double - 1) < 1e-11
-
-
-def test_area_does_not_change_with_the_constant_and_scales_with_the_square():
-    surface = polynomial([1, 0.5j], [0.2, 1, 0.3]).surface
-    assert abs(surface.transform(translation=[100.0, 0.0, 0.0]).area() / surface.area() - 1) < 1e-14
-    assert abs(surface.transform(scale=1e3).area() / surface.area() - 1e6) < 1e-7
 
 
 # --- associates and similarities --------------------------------------------------------------------------------------
@@ -198,16 +157,6 @@ def test_similarities_act_on_positions_normals_and_area(seed, scale):
     np.testing.assert_allclose(again.position(z), surface.position(z), atol=1e-12 * np.abs(surface.position(z)).max())
 
 
-def test_derived_surfaces_have_their_own_parameters():
-    surface = SpinorSurface.of(enneper(0.8).surface)
-    moved = surface.transform(translation=[1.0, 0.0, 0.0])
-    before = moved.position(np.array([0.1j]))
-    with torch.no_grad():
-        surface.model.coefficients.mul_(2)
-        surface.constant.add_(1)
-    np.testing.assert_array_equal(moved.position(np.array([0.1j])), before)
-
-
 @pytest.mark.parametrize(
     "options",
     [
@@ -226,17 +175,6 @@ def test_derived_surfaces_have_their_own_parameters():
 def test_what_is_no_similarity_is_refused(options):
     with pytest.raises(OptionError):
         plane_disk().surface.transform(**options)
-
-
-@pytest.mark.parametrize("options", [{"quadrature": "euler"}, {"order": 0}, {"quadrature": "simpson", "order": 3}])
-def test_bad_quadrature_is_refused(options):
-    with pytest.raises((OptionError, TypeError)):
-        SpinorSurface(PowerSeries(torch.ones(1, 2, dtype=torch.complex128)), PlaneDomain.disk(n=16), **options)
-
-
-def test_a_constant_that_is_not_a_point_is_refused():
-    with pytest.raises(OptionError):
-        SpinorSurface(PowerSeries(torch.ones(1, 2, dtype=torch.complex128)), PlaneDomain.disk(n=16), (0.0, 0.0))
 
 
 # --- training ---------------------------------------------------------------------------------------------------------

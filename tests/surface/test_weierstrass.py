@@ -40,9 +40,3 @@ def test_zeros_of_f_are_branch_points_with_their_orders():
     (double,) = surface([0.0, 0.0, 1.0], [1.0, 0.5]).branch_points()
     assert double.order == 2
     assert surface([2.0, 1.0], [0.0, 1.0]).branch_points() == ()
-
-
-def test_positions_keep_the_shape_of_the_points():
-    some = surface([1.0], [0.0, 1.0], (1.0, 2.0, 3.0))
-    assert some.position(np.zeros((2, 3))).shape == (2, 3, 3)
-    np.testing.assert_array_equal(some.position(np.array(0j)), [1.0, 2.0, 3.0])

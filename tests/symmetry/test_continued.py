@@ -50,11 +50,6 @@ def test_the_cell_of_a_schwarz_surface_has_its_known_area(piece: object, count: 
     assert cell.area / volume ** (2 / 3) == pytest.approx(ratio, rel=1e-9)
 
 
-def test_the_lattice_of_p_is_cubic() -> None:
-    lattice = p_quadrilateral().continued().lattice
-    np.testing.assert_allclose(lattice @ lattice.T, 4 * np.eye(3), atol=1e-9)
-
-
 def continuations() -> list[ContinuedSurface]:
     return [p_quadrilateral().continued(1), d_quarter().continued(1), d_quarter().continued("cell")]
 
