@@ -56,17 +56,6 @@ def round_sheet(height: Heights, *, ragged: bool) -> Mesh:
     return rounds_and_rows(point, 48, np.linspace(0.05, 1, 12))  # its longest loop is the rim
 
 
-def torn(seed: int, height: Heights, *, side: int = 24) -> Mesh:
-    """A sheet from whose outer parts two faces of five are taken at random.
-
-    Its border, the longest loop, touches many small loops and lone faces.
-    """
-    vertices, faces = square(side, height)
-    middles = vertices[faces].mean(axis=1)
-    outer = np.abs(middles[:, :2]).max(axis=1) > 0.8
-    return vertices, faces[~outer | (np.random.default_rng(seed).random(len(faces)) > 0.4)]
-
-
 def strip(middle: np.ndarray, across: np.ndarray, wide: int = 2) -> Mesh:
     """A ribbon of 120 × `wide` squares around 121 points, from −½ to ½ of the vectors across it."""
     (x, y), faces = lattice(120, wide)
