@@ -15,7 +15,6 @@ from spinor_geom import gallery
 from spinor_geom.cli.main import main
 from spinor_geom.errors import (
     ArgumentTypeError,
-    DtypeError,
     DuplicateVertexError,
     ImperfectFillWarning,
     MeshExtentError,
@@ -23,7 +22,6 @@ from spinor_geom.errors import (
     MeshShapeError,
     NoFacesError,
     NonFiniteVertexError,
-    RenderError,
     SpinorGeomError,
     UnknownMeshTypeError,
     VertexIndexError,
@@ -127,16 +125,6 @@ def test_a_bow_tie_vertex_is_split_into_two_holes() -> None:
     assert is_watertight(filled[1])
 
 
-def test_a_hole_on_a_line_is_named_and_left_open() -> None:
-    # a T-junction: vertex 4 lies on the edge from 0 to 1 of the neighbouring face
-    vertices = np.array([[0.0, 0, 0], [1, 0, 0], [0.5, 1, 0], [0.5, -1, 0], [0.5, 0, 0], [-1, 0, 0], [2, 0, 0]])
-    faces = np.array([[0, 1, 2], [0, 3, 4], [3, 1, 4], [0, 2, 5], [0, 5, 3], [1, 6, 2], [1, 3, 6]])
-    (_, _), report = fill_hole((vertices, faces), return_report=True)
-    line = next(outcome for outcome in report.loops if len(outcome.loop) == 3)
-    assert not line.filled
-    assert "vertex 4 on edge (1, 0)" in line.reason
-
-
 def test_a_lone_triangle_is_named_and_left_open() -> None:
     vertices, faces = tube()
     pair = np.vstack([vertices, np.eye(3) + 4.0]), np.vstack([faces, [48, 49, 50]])
@@ -216,12 +204,6 @@ def test_bad_arguments_are_explained_and_give_status_2(
     assert words in capsys.readouterr().err
 
 
-def test_a_loop_number_that_does_not_exist_gives_status_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path = write(tmp_path / "tube.obj", obj_text(tube()))
-    assert main(["fill", str(path), "-o", str(tmp_path / "o.obj"), "--loop", "5"]) == 2
-    assert "loop 5 does not exist" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize("option", ["-o", "--report"])
 def test_an_output_that_cannot_be_written_gives_status_2(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str
@@ -249,18 +231,6 @@ def test_a_file_that_is_named_twice_is_not_lost(
     assert boundary_loops(path) == []
 
 
-def test_an_unknown_output_format_is_refused_before_the_work(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def too_late(*_: object, **__: object) -> None:
-        pytest.fail("the solver ran")
-
-    monkeypatch.setattr("spinor_geom.fill.solved_loops.solve_plateau_batch", too_late)
-    path = write(tmp_path / "tube.obj", obj_text(tube()))
-    assert main(["fill", str(path), "-o", str(tmp_path / "o.docx")]) == 2
-    assert ".docx" in capsys.readouterr().err
-
-
 LOOP = gallery.tennis_seam(0.8).sample(24)
 WRONG_TYPES = {
     "mesh_patch of a loop": lambda: spinor_geom.mesh_patch(LOOP),
@@ -275,12 +245,3 @@ WRONG_TYPES = {
 def test_wrong_argument_types_are_refused_with_the_right_ones(call: Callable[[], object]) -> None:
     with pytest.raises(ArgumentTypeError, match=r"takes .*, not "):
         call()
-
-
-def test_a_picture_is_a_png_and_points_of_a_surface_are_numbers(tmp_path: Path) -> None:
-    solution = spinor_geom.solve_plateau(LOOP)
-    with pytest.raises(RenderError, match=r"\.png"):
-        Portrait.of(solution).write(tmp_path / "surface.jpg")
-    for nothing in ("a", object()):
-        with pytest.raises(DtypeError, match="complex numbers"):
-            solution.surface.position(nothing)

@@ -7,8 +7,7 @@ import pytest
 import trimesh
 
 from spinor_geom import gallery
-from spinor_geom.comparison import MOST_CURVATURE_POINTS, compare
-from spinor_geom.discrete.minimal_surface import discrete_minimal_surface
+from spinor_geom.comparison import compare
 from spinor_geom.errors import (
     ForeignRimError,
     LoopIndexError,
@@ -19,7 +18,6 @@ from spinor_geom.errors import (
 )
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.loop_choice import boundary_loops
-from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import mesh_patch
 from spinor_geom.plateau.solve import solve_plateau
@@ -81,35 +79,6 @@ def test_plane_is_the_same_for_both_methods():
     assert comparison.hausdorff.max < 1e-12
     assert comparison.patch_curvature.max < 1e-11
     assert comparison.patch_area == pytest.approx(comparison.baseline_area, rel=1e-12)
-
-
-def test_more_than_two_loops_are_compared_with_their_relaxed_mesh():
-    outer, *holes = (
-        BoundaryLoop.from_points(np.column_stack([z.real, z.imag, 0 * z.real]))
-        for circle in [np.exp(2j * np.pi * np.arange(24) / 24)]
-        for z in (2 * circle, 0.8 + 0.4 * circle[::-3], -0.8 + 0.4 * circle[::-3])
-    )
-    comparison = compare(solve_plateau((outer, *holes)))
-    assert comparison.baseline_vertices == comparison.patch_vertices
-    assert comparison.baseline_area == pytest.approx(comparison.patch_area, rel=1e-12)
-
-
-def test_given_baseline_and_patch_are_used():
-    solution = exact_solution(ENNEPER, 24, radius=0.5)
-    patch = mesh_patch(solution, 0.5 * solution.loop.mean_edge_length)
-    baseline = discrete_minimal_surface(solution.loop, target_edge_length=0.5 * solution.loop.mean_edge_length)
-    comparison = compare(solution, baseline, patch=patch)
-    assert comparison.patch_vertices == len(patch.vertices)
-    assert comparison.baseline_vertices == len(baseline.vertices)
-    assert comparison.baseline_area == pytest.approx(baseline.area, rel=1e-12)
-    assert compare(solution, patch, patch=patch).hausdorff.max < 1e-12
-
-
-def test_second_derivatives_are_taken_at_a_limited_number_of_points():
-    solution = exact_solution(ENNEPER, 64, radius=0.5)
-    comparison = compare(solution, target_edge_length=0.4 * solution.loop.mean_edge_length)
-    assert comparison.patch_vertices > 2 * MOST_CURVATURE_POINTS
-    assert comparison.exact_curvature_points == MOST_CURVATURE_POINTS
 
 
 def fan(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

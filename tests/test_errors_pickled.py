@@ -13,7 +13,6 @@ import pytest
 
 from spinor_geom import errors
 from spinor_geom.errors import NonFiniteVertexError, SpinorGeomError
-from spinor_geom.isolate import FaultError
 
 OWN = {  # what types with an `__init__` of their own are made of
     NonFiniteVertexError: {"vertex": 3, "place": "line 4"},
@@ -56,9 +55,3 @@ def test_every_type_survives_pickling_and_copying(kind: type[SpinorGeomError]) -
             assert type(again) is kind
             assert (str(again), again.args, again.fields) == (str(error), error.args, error.fields)
             assert vars(again) == vars(error)
-
-
-def test_the_end_of_a_process_survives() -> None:
-    fault = FaultError("its process died", kind="death", last={"reading": "a"}, output="x")
-    again = pickle.loads(pickle.dumps(fault))
-    assert (str(again), again.kind, again.last, again.output) == ("its process died", "death", {"reading": "a"}, "x")

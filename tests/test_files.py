@@ -106,19 +106,6 @@ def test_a_folder_appears_with_all_its_files_or_not_at_all(tmp_path: Path) -> No
     assert list(staging.iterdir()) == []
 
 
-def test_files_of_a_folder_are_on_the_disk_before_it_appears(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    events: list[str] = []
-    fsync, rename = os.fsync, os.rename
-    monkeypatch.setattr(os, "fsync", lambda descriptor: (events.append("fsync"), fsync(descriptor)))
-    monkeypatch.setattr(os, "rename", lambda *names: (events.append("rename"), rename(*names)))
-    with atomic_folder(tmp_path / "target", staging=tmp_path / "staging") as folder:
-        (folder / "a").write_text("1")
-        (folder / "b").write_text("2")
-    # two files and, where folders can be opened, the folder, then the names above it
-    folders = 0 if os.name == "nt" else 1
-    assert events == ["fsync"] * (2 + folders) + ["rename"] + ["fsync"] * folders
-
-
 @pytest.mark.parametrize(
     ("call", "code"), [("open", errno.EACCES), ("fsync", errno.EINVAL), ("fsync", errno.ENOTSUP), ("fsync", errno.EIO)]
 )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import pickle
 import signal
 import subprocess
 import sys
@@ -118,29 +117,6 @@ def test_limits_hold_however_much_a_process_sends(
 )
 def test_exit_statuses_of_every_system_tell_crashes_from_ends(status: int, crash: str) -> None:
     assert crash_of(status) == crash
-
-
-@pytest.mark.parametrize(
-    ("status", "kind", "how"),
-    [(0xC0000005, "death", "died by an access violation"), (1, "start", "died with status 1")],
-)
-def test_a_crash_while_starting_on_windows_is_no_failure_of_the_import(
-    monkeypatch: pytest.MonkeyPatch, status: int, kind: str, how: str
-) -> None:
-    process, wait = Process("no_such_module"), subprocess.Popen.wait
-    monkeypatch.setattr(subprocess.Popen, "wait", lambda self: (wait(self), status)[1])
-    fault = fault_of(process, {})
-    assert (fault.kind, how in str(fault), fault.crash) == (kind, True, crash_of(status))
-    assert pickle.loads(pickle.dumps(fault)).crash == fault.crash
-
-
-def test_the_memory_is_that_of_the_process_that_works(process: Process, monkeypatch: pytest.MonkeyPatch) -> None:
-    # the one that is started may be another: Windows' virtual environments have a Python that starts Python
-    process.run({}, lambda _: None, seconds=30.0)
-    assert process._process is not None
-    process._process.pid = os.getpid()  # far larger
-    job = {"sleep": 0.3}
-    process.run(job, lambda _: None, seconds=30.0, memory=100 << 20)
 
 
 def test_a_caller_that_stops_listening_ends_the_process(process: Process) -> None:

@@ -3,8 +3,6 @@
 import ctypes
 import re
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -109,20 +107,3 @@ def test_the_time_limit_ends_a_function_without_a_result():
     points = np.random.default_rng(0).normal(size=(400, 3))
     with pytest.raises(OutOfTimeError):
         kernel.call("minimum_area_splits", 400, points, 0.0, -1.0, np.zeros((400, 400), dtype=np.int64))
-
-
-def test_a_lack_of_memory_is_a_memory_error():
-    program = """
-import resource, numpy as np
-from spinor_geom.kernel import call
-n = 4000  # four arrays of 128 MB
-points, splits = np.zeros((n, 3)), np.zeros((n, n), dtype=np.int64)
-used = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
-resource.setrlimit(resource.RLIMIT_AS, (used + 2**27, used + 2**27))
-try:
-    call("minimum_area_splits", n, points, 0.0, 10.0, splits)
-except MemoryError as error:
-    print(error)
-"""
-    process = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=True)
-    assert process.stdout == "there is not enough memory for minimum_area_splits of the compiled part\n"

@@ -10,7 +10,6 @@ import pytest
 from spinor_geom.adapters import to_rims
 from spinor_geom.adapters.cad_edges import parts_of
 from spinor_geom.adapters.cad_objects import cad_object, cad_shapes
-from spinor_geom.errors import MissingPackageError
 
 
 def test_other_objects_are_no_cad_shapes() -> None:
@@ -70,9 +69,3 @@ def test_shapes_become_objects_of_a_library(library: str) -> None:
 
     (shell,) = parts_of(BRepPrimAPI_MakeBox(1, 2, 3).Shape(), "SHELL")
     assert isinstance(cad_object(shell, library), module.Shell)
-
-
-def test_a_missing_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
-    with pytest.raises(MissingPackageError, match="pip install build123d"):
-        cad_object(None, "build123d")

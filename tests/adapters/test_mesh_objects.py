@@ -10,7 +10,7 @@ import pytest
 
 from spinor_geom.adapters import extend, to_mesh
 from spinor_geom.errors import MeshShapeError
-from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS, is_closed, lid, lid_for, nothing, open_cube
+from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS, is_closed, lid, lid_for, open_cube
 from tests.bench.test_holes import require_peer
 
 
@@ -68,14 +68,6 @@ def mesh_set(vertices: np.ndarray, faces: np.ndarray, label: str = "a mesh", **a
     return meshes
 
 
-def test_the_transform_stays() -> None:
-    cube = mesh_set(*open_cube())
-    cube.compute_matrix_from_translation(axisx=5.0, freeze=False)
-    closed = extend(cube, lid_for(to_mesh(cube)))
-    assert np.array_equal(closed.current_mesh().transform_matrix(), cube.current_mesh().transform_matrix())
-    assert closed.current_mesh().transform_matrix()[0, 3] == 5.0
-
-
 def test_the_current_mesh_of_a_set_is_taken_and_the_others_stay() -> None:
     import pymeshlab
 
@@ -87,15 +79,6 @@ def test_the_current_mesh_of_a_set_is_taken_and_the_others_stay() -> None:
     assert closed.current_mesh().label() == "cube"
     assert {mesh.label(): mesh.face_number() for mesh in closed} == {"cube": 14, "triangle": 1}
     assert meshes.mesh_number() == 2
-
-
-def test_deleted_elements_are_left_out() -> None:
-    vertices, faces = open_cube()
-    meshes = mesh_set(vertices, faces)
-    meshes.compute_selection_by_condition_per_face(condselect="fi < 2")
-    meshes.meshing_remove_selected_faces()
-    assert np.array_equal(to_mesh(meshes).faces, faces[2:])
-    assert len(extend(meshes, nothing()).current_mesh().face_matrix()) == 8
 
 
 def test_colors_outside_of_the_range_are_clipped() -> None:

@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from spinor_geom.adapters.polygon_faces import Polygons, chained, close_seams, seam_representatives
-from spinor_geom.mesh.topology import boundary_edges, is_watertight
-from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS
+from spinor_geom.mesh.topology import boundary_edges
 
 
 def polygons(*faces: list[int]) -> Polygons:
@@ -21,15 +20,6 @@ def polygons(*faces: list[int]) -> Polygons:
 def area_vectors(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     a, b, c = np.moveaxis(vertices[faces], 1, 0)
     return np.cross(b - a, c - a) / 2
-
-
-def test_cube_of_quads_is_closed_and_has_its_area() -> None:
-    cube = Polygons.of_sizes(CUBE_QUADS.reshape(-1), np.full(6, 4))
-    triangles, of = cube.triangulated(CUBE_POINTS)
-    assert is_watertight(triangles)
-    assert of.tolist() == np.repeat(np.arange(6), 2).tolist()
-    assert np.linalg.norm(area_vectors(CUBE_POINTS, triangles), axis=1).sum() == 6.0
-    assert triangles[:2].tolist() == [[0, 1, 3], [0, 3, 2]]
 
 
 def test_quad_with_reflex_corner_is_split_along_its_inner_diagonal() -> None:
@@ -63,13 +53,6 @@ def test_triangles_have_the_boundary_and_order_of_their_polygons(sizes: list[int
         ring = mixed[number].tolist()
         edges = {tuple(edge) for edge in boundary_edges(own).tolist()}
         assert edges == set(zip(ring, ring[1:] + ring[:1], strict=True))
-
-
-def test_triangles_follow_the_faces_that_were_there() -> None:
-    old = polygons([0, 1, 2, 3], [3, 2, 4])
-    new = old.followed_by(np.array([[5, 6, 7]]))
-    assert new.rows() == [[0, 1, 2, 3], [3, 2, 4], [5, 6, 7]]
-    assert new.renumbered(np.arange(8) + 1).rows()[0] == [1, 2, 3, 4]
 
 
 @pytest.mark.parametrize(

@@ -69,14 +69,6 @@ def test_every_writer_keeps_the_mesh_or_refuses_it(
     assert all("relative to" in note for note in notes)
 
 
-@ROUNDED
-def test_positions_that_are_single_precision_already_stay_as_they_are(tmp_path: Path, suffix: str) -> None:
-    file = mesh_at(tmp_path, UTM / 8, single=True)
-    assert file.write(tmp_path / f"again{suffix}") == ()
-    again = read_mesh(tmp_path / f"again{suffix}").mesh
-    assert sorted(map(tuple, again.vertices.tolist())) == sorted(map(tuple, file.mesh.vertices.tolist()))
-
-
 def test_a_glb_file_far_from_the_origin_has_an_offset_that_every_reader_adds(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

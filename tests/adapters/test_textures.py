@@ -63,24 +63,6 @@ def test_files_are_copied_beside_the_output(tmp_path: Path, capsys: pytest.Captu
     assert (out / "skin.mtl").read_text() == "of another mesh"
 
 
-@pytest.mark.parametrize("path", [(".glb", ".obj"), (".ply", ".glb"), (".glb", ".ply", ".obj"), (".obj", ".glb")])
-def test_uv_and_image_go_through_formats(path: tuple[str, ...], tmp_path: Path) -> None:
-    mesh = fill_hole(textured(tmp_path / "in"))
-    assert isinstance(mesh, MeshFile)
-    wanted = {tuple(row) for row in np.hstack([mesh.mesh.vertices, mesh.contents.attributes["uv"]]).round(6).tolist()}
-    for number, suffix in enumerate(path):
-        (tmp_path / str(number)).mkdir()
-        place = tmp_path / str(number) / f"mesh{suffix}"
-        assert mesh.write(place) == ()
-        mesh = read_mesh(place)
-    (tmp_path / "last").mkdir()
-    assert mesh.write(tmp_path / "last" / "mesh.glb") == ()
-    loaded = trimesh.load_mesh(tmp_path / "last" / "mesh.glb", process=False)
-    assert loaded.visual.material.baseColorTexture.size == (1, 1)
-    got = {tuple(row) for row in np.hstack([loaded.vertices, loaded.visual.uv]).round(6).tolist()}
-    assert got == wanted
-
-
 @pytest.mark.parametrize("path", [(".glb", ".obj"), (".ply", ".glb"), (".glb", ".ply", ".obj")])
 def test_texture_seams_go_through_formats(path: tuple[str, ...], tmp_path: Path) -> None:
     rng = np.random.default_rng(3)

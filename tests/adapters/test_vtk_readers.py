@@ -20,7 +20,6 @@ from spinor_geom.adapters.pyvista_mesh import set_array
 from spinor_geom.adapters.vtk_legacy import read_legacy
 from spinor_geom.adapters.vtk_xml import read_xml
 from spinor_geom.errors import MeshFileError
-from spinor_geom.fill.fill_hole import fill_hole
 
 
 def with_all_data(mesh: Any) -> Any:
@@ -98,17 +97,6 @@ def test_xml_files_are_read_as_by_vtk(tmp_path: Path, polygons: pyvista.PolyData
         writer.SetFileName(str(path))
         writer.Write()
         assert_equal(read_xml(path.read_bytes()).to_pyvista(), pyvista.read(path))
-
-
-def test_text_and_roles_of_the_wrong_shape_survive_a_fill(tmp_path: Path) -> None:
-    # PyVista refuses to set text that is not ASCII
-    text = "FIELD f 1\nauthor 1 1 string\nM%C3%BCller\nPOINTS 4 float\n0 0 0 1 0 0 0 1 0 0 0 1\nPOLYGONS 3 12\n"
-    data = "3 0 2 1 3 0 1 3 3 0 3 2\nPOINT_DATA 4\nTEXTURE_COORDINATES uv 4 float\n" + "1 2 3 4\n" * 4
-    (tmp_path / "text.vtk").write_text(f"# vtk DataFile Version 3.0\nx\nASCII\nDATASET POLYDATA\n{text}{data}")
-    fill_hole(tmp_path / "text.vtk").write(tmp_path / "filled.vtk")
-    filled = pyvista.read(tmp_path / "filled.vtk")
-    assert filled.field_data["author"].tolist() == ["Müller"]
-    assert filled.point_data["uv"].tolist() == [[1, 2, 3, 4]] * 4
 
 
 POINTS = "POINTS 3 float\n0 0 0 1 0 0 0 1 0\n"

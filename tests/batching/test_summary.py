@@ -23,10 +23,3 @@ def test_a_curve_fills_the_picture(points: np.ndarray) -> None:
     # the longer side fills the picture's width, the shorter one is seen at an angle
     assert np.ptp(numbers[:, 0]) > 0.85 * SIZE
     assert 0.3 * SIZE < np.ptp(numbers[:, 1]) < 0.5 * SIZE
-
-
-@pytest.mark.parametrize("points", [SQUARE, SQUARE[:2], np.zeros((3, 3)), SQUARE[:1]])
-def test_curves_of_any_shape_are_drawn(points: np.ndarray) -> None:
-    (line,) = ElementTree.fromstring(thumbnail(points))
-    assert line.tag == "polyline"
-    assert "nan" not in line.get("points", "")

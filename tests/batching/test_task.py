@@ -141,26 +141,6 @@ def test_holes_can_be_continued_and_curves_stay_minimal(tmp_path: Path) -> None:
     assert curve["comparison"] is not None
 
 
-def test_a_mistake_of_ours_costs_one_file(mixed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    honest = solver.FileTask
-
-    def mistaken(data: bytes, source: Source, *options: Any) -> Any:
-        if source.key.endswith("curve003.obj"):
-            raise KeyError("forgotten")
-        return honest(data, source, *options)
-
-    monkeypatch.setattr(solver, "FileTask", mistaken)
-    (mixed / "two.obj").unlink()
-    events = solved([mixed], tmp_path / "together")
-    # those that were not are tried one by one
-    assert not [event for event in events if event.get("finished", {}).get("key", "") >= "in/curve003.obj"]
-    solved([mixed], tmp_path / "alone", together=1)
-    found = record(tmp_path / "alone", "in/curve003.obj")
-    assert found["status"] == "fault"
-    assert "unexpected KeyError in test_task.py" in found["reason"]
-    assert record(tmp_path / "alone", "in/curve004.obj")["status"] == "done"
-
-
 def broken_texts() -> Iterator[bytes]:
     """Files that were cut off, damaged, or made to be hard to read."""
     random = np.random.default_rng(7)

@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spinor_geom import errors
 from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS
 from tests.blender.scenes import bmesh, bpy, empty_file, object_of, positions
 from tests.fill.shapes import tube
@@ -195,17 +194,6 @@ def test_hidden_holes_stay_open() -> None:
     assert not any(face.hide for face in edited().faces[64:])
 
 
-def test_a_hundred_holes() -> None:
-    x, y = np.meshgrid(np.arange(31.0), np.arange(31.0))
-    vertices = np.column_stack([x.ravel(), y.ravel(), np.sin(x.ravel() / 5)])
-    corner = np.arange(900) // 30 * 31 + np.arange(900) % 30
-    quads = corner[:, None] + [0, 1, 32, 31]
-    is_hole = (np.arange(900) // 30 % 3 == 1) & (np.arange(900) % 3 == 1)
-    edit(vertices, quads[~is_hole])
-    fill("fill_smooth")
-    assert open_edges() == 120  # the border of the sheet
-
-
 @pytest.mark.parametrize(
     ("made", "says"),
     [
@@ -219,23 +207,6 @@ def test_what_has_no_hole_is_told(made: Callable[[], Any], says: str, capfd: pyt
     made()
     assert fill() == {"CANCELLED"}
     assert says in capfd.readouterr().out
-
-
-def test_reasons_of_open_holes_are_told(capfd: pytest.CaptureFixture[str]) -> None:
-    vertices, faces = tube()
-    wings = np.array([[3, 0, 0], [3, 0, 1]])  # an edge of a rim has three faces
-    edit(np.vstack([vertices, wings]), [*faces.tolist(), [1, 0, 48], [1, 0, 49]])
-    fill()
-    assert "at most 2 are allowed at a loop; remove or split the others" in capfd.readouterr().out
-
-
-def test_advice_is_for_blender(extension: Any) -> None:
-    sentences = [getattr(error, "sentence", "") for error in vars(errors).values()]
-    advice = [errors.merge_advice(0.1), errors.merge_advice(0)]
-    told = [extension.in_blender(text) for text in (*filter(lambda text: "--" in text, sentences), *advice)]
-    assert len(told) > 6
-    assert not [text for text in told if re.search(r"--|=|command line", text)]
-    assert told[-2:] == ["Merge by Distance"] * 2
 
 
 @pytest.mark.parametrize(("vertices", "scale"), [(CUBE_POINTS[:3], 1), (CUBE_POINTS, 0)])

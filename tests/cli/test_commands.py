@@ -10,7 +10,7 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +21,6 @@ from spinor_geom.cli import console
 from spinor_geom.cli.main import build_parser, main
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.loop_choice import boundary_loops
-from spinor_geom.render.scene import Scene
 from tests.fill.shapes import collar, cylinder, figure_eight, spiked_tetrahedron, tube
 from tests.fill.test_bridge import island, places, ring
 from tests.systems import modes, undecodable
@@ -324,19 +323,6 @@ def test_progress_is_drawn_on_a_terminal_only(monkeypatch: pytest.MonkeyPatch) -
         assert ("filling loop 1: mesh" in stream.getvalue()) is drawn
 
 
-def test_loops_are_drawn_with_their_numbers(mesh_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    picture = tmp_path / "new" / "rims.png"
-    texts = []
-
-    def written(views: Sequence[Scene], path: Path) -> None:
-        assert (path, path.parent.is_dir()) == (picture, True)
-        texts.extend(text for view in views for _, text in view.labels)
-
-    monkeypatch.setattr("spinor_geom.render.png.write_png", written)
-    assert main(["loops", str(mesh_path), "--picture", str(picture)]) == 0
-    assert sorted(texts) == ["0", "1"]
-
-
 PROGRAM = "import sys; from spinor_geom.cli.main import main; sys.exit(main(sys.argv[1:]))"
 
 
@@ -526,14 +512,6 @@ def test_an_interrupted_fill_changes_none_of_its_files(
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {"out.obj": b"old", "out.png": b"old"}
 
 
-def test_the_input_may_be_replaced_and_that_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    mesh = write_obj(tmp_path / "tube.obj", *tube())
-    assert main(["fill", str(mesh), "-o", str(mesh)]) == 0
-    assert "the input was replaced" in capsys.readouterr().err
-    assert main(["fill", str(mesh), "-o", str(tmp_path / "other.obj")]) == 0
-    assert "replaced" not in capsys.readouterr().err
-
-
 @pytest.mark.parametrize("loops", [2, 22])
 def test_of_many_loops_only_counts_and_exceptions_are_listed(
     loops: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -546,14 +524,6 @@ def test_of_many_loops_only_counts_and_exceptions_are_listed(
     *listed, counts = capsys.readouterr().err.splitlines()
     assert f"{loops} of {loops} loops filled" in counts
     assert len(listed) == (loops if loops <= 20 else 0)
-
-
-@pytest.mark.parametrize("command", [["fill", "-o", "out.obj", "--html"], ["compare", "-o"]])
-def test_a_page_has_the_suffix_of_pages(command: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    mesh, page = write_obj(tmp_path / "tube.obj", *tube()), tmp_path / "page.pdf"
-    assert main([command[0], str(mesh), *command[1:], str(page)]) == 2
-    assert "has the suffix .html" in capsys.readouterr().err
-    assert not page.exists()
 
 
 def test_edit_opens_a_window_and_prints_what_was_saved(

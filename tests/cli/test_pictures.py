@@ -108,16 +108,6 @@ def test_a_window_gets_the_mesh_its_rims_and_its_curvature(
     assert not shown[1][0][0].layers[0].fields
 
 
-def test_vertices_are_merged_before_a_mesh_is_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    seen: list[Any] = []
-    monkeypatch.setattr(Portrait, "write", lambda self, _, **options: seen.append(self.layers[0]))
-    soup = tmp_path / "soup.obj"
-    soup.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3\nf 4 5 6\n")
-    for merge in ([], ["--merge"]):
-        assert main(["render", *merge, str(soup), "-o", str(tmp_path / "p.png")]) == 0
-    assert [len(layer.vertices) for layer in seen] == [6, 4]
-
-
 def test_the_upward_axis_is_that_of_the_format_in_all_commands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shown: list[Any] = []
     monkeypatch.setenv("DISPLAY", ":0")

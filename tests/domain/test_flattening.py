@@ -87,13 +87,6 @@ def test_dirichlet_to_neumann_matrix_of_the_disk_multiplies_by_the_wave_number()
         assert abs(u @ (neumann @ u) / (k * np.pi) - 1) < 0.01 * k
 
 
-@pytest.mark.parametrize("polygon", [circle(50), planar(L_SHAPE, 60).points @ FLAT], ids=["circle", "L"])
-def test_plane_mesh_flattens_to_itself(polygon):
-    flat = flatten(*meshed(polygon * np.exp(0.7j) + 3 - 2j))
-    assert same_shape(flat.boundary, polygon) < 1e-10
-    assert np.abs(flat.log_scale).max() < 1e-10
-
-
 @settings(max_examples=10)
 @given(points=smooth_loops(max_points=80))
 def test_flat_boundaries_are_simple_and_keep_their_edge_lengths(points):

@@ -44,14 +44,6 @@ def test_sizes_are_bounded_by_the_boundary_edges(seed):
     assert (found >= np.minimum(lowest, edge.min()) - 1e-12).all()
 
 
-def test_a_limit_of_no_points_leaves_those_that_split_bridges():
-    polygon = np.exp(2j * np.pi * np.arange(40) / 40)
-    region = SizeField().over(polygon)
-    inner, faces, _ = region.refined(constrained_delaunay(region.points, (40,)), None, 0, np.inf)
-    assert len(inner) <= 40
-    assert len(faces) == 2 * (40 + len(inner)) - 2 - 40
-
-
 CIRCLE = np.exp(2j * np.pi * np.arange(12) / 12)
 BAD_FIELDS = {
     "neighbours of none": {"neighbours": 0},

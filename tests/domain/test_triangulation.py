@@ -72,23 +72,12 @@ def check_is_a_triangulation(result: PlaneTriangulation, boundary):
     assert np.array_equal(np.unique(result.faces), np.arange(n))
 
 
-def bridges(result):
-    """Inner edges between two boundary vertices."""
-    m, (a, b) = result.boundary_size, result.edges.T
-    return result.edges[(b < m) & (b - a != 1) & (b - a != m - 1)]
-
-
 @pytest.mark.parametrize("boundary", POLYGONS.values(), ids=POLYGONS)
 def test_polygon_is_filled_with_good_triangles(boundary):
     result = triangulate_polygon(boundary)
     check_is_a_triangulation(result, boundary)
     assert np.percentile(result.angles.min(axis=1), 1) > 25
     assert result.angles.min() > 20
-
-
-@pytest.mark.parametrize("name", ["square 8", "square 200", "turned square 80", "L", "comb", "circle 230", "noisy 4"])
-def test_no_edge_bridges_a_polygon_with_room_for_inner_points(name):
-    assert len(bridges(triangulate_polygon(POLYGONS[name]))) == 0
 
 
 def test_edges_follow_the_size_function():

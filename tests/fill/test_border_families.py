@@ -13,7 +13,7 @@ from spinor_geom.fill.patched_mesh import PatchedMesh
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.find_loops import find_boundary_loops
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
-from tests.fill.sheets import Heights, Mesh, garments, moebius, pipe, ribbons, round_sheet, square, terrain
+from tests.fill.sheets import Heights, Mesh, garments, moebius, ribbons, round_sheet, square, terrain
 
 VESSELS: dict[str, Heights] = {
     "cone, 50°": lambda x, y: np.hypot(x, y) / np.tan(np.radians(40)),
@@ -77,12 +77,6 @@ def test_sheets_have_borders_whether_smooth_or_ragged(name: str, ragged: bool) -
 def test_ribbons_and_bands_have_borders() -> None:
     assert [name for name, mesh in ribbons() if not are_borders(mesh)[0]] == []
     assert all(are_borders(moebius(width)) == [True] for width in (0.2, 0.5, 0.8))
-
-
-@pytest.mark.parametrize("arc", [60, 120, 180])
-@pytest.mark.parametrize("length", [0.5, 1, 3, 8])
-def test_bent_sheets_have_borders_however_deep(arc: float, length: float) -> None:
-    assert are_borders(pipe(arc, length)) == [True]
 
 
 def test_ends_of_garments_and_bent_tubes_are_holes() -> None:

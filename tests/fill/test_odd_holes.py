@@ -60,11 +60,3 @@ def test_odd_holes_are_filled_or_left_open_with_a_reason(kind: str) -> None:
 @pytest.mark.parametrize("kind", RIMS)
 def test_odd_loops_are_solved_or_refused(kind: str) -> None:
     check_solved(kind, list(RIMS).index(kind))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", RIMS)
-def test_many_odd_holes(kind: str) -> None:
-    for seed in range(12):
-        check_filled(kind, seed)
-        check_solved(kind, seed)

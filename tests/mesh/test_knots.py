@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from spinor_geom import gallery
 from spinor_geom.mesh.knots import knot_determinant
@@ -42,13 +41,6 @@ def figure_eight_knot(points: int = 200) -> np.ndarray:
 def test_knots_have_their_determinants_from_every_side(points, determinant, motion) -> None:
     for turned in (motion(points), motion(points)[::-1], motion(points * [1, 1, -1])):
         assert knot_determinant(turned) == pytest.approx(determinant, abs=1e-6)
-
-
-@given(count=st.integers(1, 9), motion=rigid_motions())
-@settings(max_examples=10)
-def test_coils_are_no_knots(count, motion) -> None:
-    assert knot_determinant(motion(torus_knot(1, count))) is None
-    assert knot_determinant(motion(torus_knot(count, 1))) is None
 
 
 def test_curves_of_the_gallery_are_no_knots() -> None:

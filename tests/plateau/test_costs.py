@@ -8,14 +8,9 @@ import numpy as np
 import pytest
 
 from spinor_geom import BoundaryLoop, solve_plateau
-from spinor_geom.arrays import NUMPY
-from spinor_geom.domain.plane_domain import FourierBoundary
 from spinor_geom.errors import SpinorGeomError
-from spinor_geom.plateau.harmonic.dirichlet import DirichletForm
 from spinor_geom.plateau.harmonic.harmonic_route import HarmonicSolver
-from spinor_geom.plateau.harmonic.smooth_domain import resolved_form
 from spinor_geom.plateau.network import network_route
-from spinor_geom.plateau.newton import MOST_STEPS
 from spinor_geom.plateau.options import Options
 from spinor_geom.plateau.problem import PlateauProblem
 from spinor_geom.plateau.solution import PlateauSolution
@@ -74,40 +69,3 @@ def test_small_random_polygons_raise_typed_errors_only(n: int) -> None:
         loop = BoundaryLoop.from_points(np.random.default_rng(seed).uniform(-1, 1, (n, 3)))
         with contextlib.suppress(SpinorGeomError):
             assert isinstance(solve_plateau(loop, max_iterations=60), PlateauSolution)
-
-
-def wavy(number: int) -> BoundaryLoop:
-    """One of many curves of random harmonics, with 4 to 100 points."""
-    rng = np.random.default_rng(11)
-    for _ in range(number + 1):
-        n = int(rng.integers(4, 101))
-        t = 2 * np.pi * np.arange(n) / n
-        points = np.zeros((n, 3))
-        for k in range(1, 2 + int(rng.integers(1, 5))):
-            points += (np.outer(np.cos(k * t), rng.normal(size=3)) + np.outer(np.sin(k * t), rng.normal(size=3))) / k
-        points += rng.normal(size=points.shape) * rng.choice([0, 0.02, 0.1]) * 2 * np.pi / n
-    return BoundaryLoop.from_points(points)
-
-
-@pytest.mark.parametrize("steps", [100, 1000, 1400])
-def test_slides_on_fine_domains_take_fewer_steps(steps: int) -> None:
-    """The time of a step grows with the square of the steps of ∂Ω; on the disk it grows as n log n."""
-    solver = HarmonicSolver(problem=PlateauProblem.of([waist(28, 0.3)], Options()))
-    form = resolved_form(FourierBoundary(np.array([0.1, 0, 1.1]), 28), steps, NUMPY)
-    assert 0 < solver.most_steps(form) <= MOST_STEPS
-    assert solver.most_steps(form) * steps**2 <= 5e7
-    assert solver.most_steps(DirichletForm.of_disk(28)) == MOST_STEPS
-
-
-def test_networks_far_from_their_loop_are_not_refined(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The first fit is 1.3 edges from Γ; one with twice as many features was 1.7 edges from it, and took seconds."""
-    fit, features = network_route.gauss_newton, []
-
-    def counted(problem, readout, slide, **options):
-        features.append(len(readout))
-        return fit(problem, readout, slide, **options)
-
-    monkeypatch.setattr(network_route, "gauss_newton", counted)
-    found = network_route.NETWORK.solve(PlateauProblem.of([wavy(16)], Options()))
-    assert found.misfit.rms > 0
-    assert max(features) < 150

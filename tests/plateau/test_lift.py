@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from spinor_geom import gallery
 from spinor_geom.arrays import NUMPY
 from spinor_geom.domain import FourierBoundary, PlaneDomain
 from spinor_geom.holomorphic.circular_domain import CircularDomain
@@ -15,7 +14,6 @@ from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.curve_tensors import CurveTensors
-from spinor_geom.plateau.harmonic import lift as lift_module
 from spinor_geom.plateau.harmonic.douglas import HarmonicDisk
 from spinor_geom.plateau.harmonic.lift import lifted_between, lifted_together
 from spinor_geom.plateau.harmonic.lifted_surface import circles_of, domain_of, surface_of
@@ -159,20 +157,6 @@ def test_distance_from_the_curve_is_measured_on_the_surface_itself(n):
     assert abs(rms / lift.misfit.rms - 1) < 0.1
     assert abs(distance.max() / lift.misfit.max - 1) < 0.2
     assert abs(surface.area() / lift.area - 1) < 1e-5
-
-
-def test_points_that_hardly_move_along_the_curve_need_no_new_evaluation(monkeypatch):
-    curve = tensors(gallery.tennis_seam(0.8).sample(64))
-    disk = solved(curve, DISK, even(256), tolerance=1e-8)
-    evaluations, evaluate = [], lift_module._on
-    monkeypatch.setattr(lift_module, "_on", lambda *given: evaluations.append(given) or evaluate(*given))
-    quick = lifted(disk, DISK, curve, allowed=np.inf)
-    assert len(evaluations) == 1
-    monkeypatch.setattr(lift_module, "SMALL", -1.0)
-    evaluated = lifted(disk, DISK, curve, allowed=np.inf)
-    # rounding errors of Γ, whose diameter is about 1
-    assert abs(quick.misfit.rms - evaluated.misfit.rms) < 1e-15
-    assert abs(quick.misfit.max - evaluated.misfit.max) < 1e-14
 
 
 def test_corrections_bring_the_surface_nearer_and_end_where_it_is_near_enough():

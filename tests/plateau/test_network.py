@@ -95,16 +95,3 @@ def test_reentrant_corners_meet_small_tolerances():
     assert solution.converged
     # 7e-6 without the opening of the corner, at which p and q are singular
     assert solution.boundary_residual.max < 2e-6 * solution.loop.diagonal
-
-
-@pytest.mark.usefixtures("small_networks")
-def test_moduli_are_reported_to_limit_a_fit_whose_domain_would_fold(monkeypatch):
-    def folds(*_, **__):
-        raise DomainError("the moved domain is not simple")
-
-    monkeypatch.setattr(Discretisation, "moved", folds)
-    solution = solve_plateau(gallery.catenoid(0.5, turn=np.pi).rim(48), tolerance=1e-6, between="smooth")
-    assert not solution.converged
-    assert solution.boundary_residual.rms_per_edge < 0.1
-    assert "the domain folds" in solution.reason
-    assert "conformal moduli" in solution.reason

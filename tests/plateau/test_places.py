@@ -8,9 +8,7 @@ from spinor_geom import gallery
 from spinor_geom.gallery import noisy_loop
 from spinor_geom.plateau import solve_plateau, solve_plateau_batch
 from tests.loops import noisy_ellipse
-from tests.plateau.rims import facing
 
-FACING = facing(np.array([[1.0, 0, 0], [-1.0, -0.2, -0.1]]), away=0.3)
 LOOPS = {
     "plane": gallery.polygon([(0, 0, 0), (3, 0, 0), (3, 1, 0), (0, 2, 0)]).sample(24),
     "disk": gallery.enneper(0.8).rim(64),
@@ -20,7 +18,6 @@ LOOPS = {
     "noisy": noisy_ellipse(40),
     "noisy disk": noisy_loop(gallery.enneper(0.8).rim(80), 0.3, seed=1),
 }
-SEVERAL = {"two rims": FACING, "noisy rims": [noisy_loop(loop, 0.1, seed=1) for loop in FACING]}
 
 
 def check(by_numpy, by_torch):
@@ -54,12 +51,6 @@ def test_either_of_two_mirror_images_may_follow_an_unstable_disk():
     assert (by_torch.route, by_torch.converged) == (by_numpy.route, by_numpy.converged)
     # both residuals are below the tolerance, and differ
     assert by_torch.area == pytest.approx(by_numpy.area, rel=2e-7)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("loops", SEVERAL.values(), ids=SEVERAL.keys())
-def test_surfaces_between_rims_are_the_same_by_numpy_and_by_torch(loops):
-    check(solve_plateau(loops), solve_plateau(loops, device="cpu"))
 
 
 def test_batches_are_the_same_by_numpy_and_by_torch():

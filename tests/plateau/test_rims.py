@@ -4,7 +4,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from scipy.interpolate import CubicSpline
 
 from spinor_geom import ArraySurface, mesh_patch, solve_plateau
 from spinor_geom.arrays import NUMPY
@@ -18,7 +17,6 @@ from spinor_geom.plateau.rims import rims_route
 from spinor_geom.plateau.rims.starts import Rim, projected_starts
 from tests.plateau.rims import (
     CATENOIDS,
-    CUBE,
     KNOIDS,
     TETRAHEDRON,
     coaxial,
@@ -61,14 +59,6 @@ def test_a_piece_of_a_knoid_between_curves_in_formulas():
     solution = solve_plateau(knoid_curves(3, 0.5))
     assert abs(solution.area / KNOIDS[3, 0.5][0] - 1) < 1e-13
     assert solution.boundary_residual.max_per_diagonal < 1e-14
-
-
-def evenly_sampled(points, count):
-    """A loop of equal steps of the arc length of a smooth curve through many points."""
-    closed = np.concatenate([points, points[:1]])
-    arcs = np.append(0.0, np.linalg.norm(np.diff(closed, axis=0), axis=1).cumsum())
-    spline = CubicSpline(arcs, closed, bc_type="periodic")
-    return BoundaryLoop.from_points(spline(arcs[-1] * np.arange(count) / count), corners=())
 
 
 @pytest.mark.parametrize(("k", "rho"), [case for case, (_, index) in KNOIDS.items() if index > 0])
@@ -194,30 +184,3 @@ def _euler(faces):
 
 
 # --- rough rims -------------------------------------------------------------------------------------------------------
-
-
-def noisy(loops, *, noise=0.15, seed=0):
-    """Loops whose points are moved at random by a share of an edge."""
-    random = np.random.default_rng(seed)
-    return [
-        BoundaryLoop.from_points(
-            loop.points + noise * loop.mean_edge_length * random.normal(size=loop.points.shape), corners=()
-        )
-        for loop in loops
-    ]
-
-
-def test_a_slide_may_begin_a_turn_away():
-    loops = [evenly_sampled(loop.points, 60) for loop in knoid(3, 0.5, 1024)]
-    solution = solve_plateau(noisy(loops, noise=0.3, seed=1))
-    assert solution.route == "vertices"
-    assert solution.converged
-
-
-@pytest.mark.slow
-def test_curves_through_slightly_noisy_points_are_met_in_few_steps():
-    solution = solve_plateau(noisy(facing(CUBE[:3], count=60), noise=0.02, seed=1))
-    assert solution.route == "circles"
-    assert solution.converged
-    # Newton's method from these splines themselves takes 200
-    assert len(solution.history) < 80

@@ -136,15 +136,6 @@ def test_limit_on_steps_holds_for_replacements(monkeypatch):
     assert "no better one was found" in solution.reason
 
 
-@pytest.mark.parametrize("radius", [1.02, pytest.param(1.5, marks=pytest.mark.slow)])
-def test_ennepers_disk_is_left_near_and_far_from_its_threshold(monkeypatch, radius):
-    start_round(monkeypatch)
-    solution = solve_plateau(gallery.enneper(radius).rim(64), model="cauchy")
-    assert solution.stability.verdict == "stable"
-    assert solution.converged
-    assert solution.area < (1 - 1e-4) * gallery.enneper(radius).area
-
-
 def unstable_ennepers_disk() -> tuple[PlateauSolution, ThinnedLoop]:
     exact = exact_solution(((1, 0), (0, 1.2)), 64)
     return with_stability(exact, UNSTABLE), ThinnedLoop(loop=exact.loop, indices=np.arange(64))
@@ -212,17 +203,3 @@ def test_search_in_which_nothing_is_found_raises_the_first_error(monkeypatch):
     monkeypatch.setattr(disk_search, "first_disk", no_fill)
     with pytest.raises(FirstFillError, match="no fill"):
         find_disks(rim, _fails)
-
-
-def test_number_of_starts_is_bounded():
-    """A solver that finds another unstable disk each time must not be started again without end."""
-    exact = with_stability(exact_solution(ENNEPER, 32), UNSTABLE)
-    areas = iter(np.linspace(2, 1, 1000))
-    calls = []
-
-    def another(disk):
-        calls.append(disk)
-        return replace(exact, area=next(areas))
-
-    found = find_disks(ThinnedLoop(loop=exact.loop, indices=np.arange(32)), another)
-    assert len(calls) == len(found) == disk_search._MOST_STARTS

@@ -16,18 +16,6 @@ from tests.plateau.solved import CURVES, SURFACES, distance_to_surface, recovere
 SMALL = gallery.twisted_circle().sample(40)
 
 
-def test_alternating_steps_of_an_analytic_curve_converge_faster_than_a_spline():
-    errors = []
-    for n in (16, 32, 64):
-        s = (np.arange(n) + 0.2 * (-1.0) ** np.arange(n)) / n
-        solution = solve_plateau(
-            BoundaryLoop.from_points(CURVES["twisted circle"].point(s)), tolerance=1e-5, between="smooth"
-        )
-        errors.append(abs(solution.area / CURVES["twisted circle"].disks[0].area - 1))
-    assert errors[0] < 1e-4  # the cubic spline's is 2.5e-3
-    assert errors[-1] < 2e-7
-
-
 def test_area_converges_at_order_four_where_the_spline_is_cubic(monkeypatch):
     # no analytic curves
     monkeypatch.setattr(interpolation, "MOST_UNEVEN", 0.0)
@@ -41,19 +29,6 @@ def test_area_converges_at_order_four_where_the_spline_is_cubic(monkeypatch):
         assert solution.curve.kind == "cubic"
         errors.append(abs(solution.area / CURVES["twisted circle"].disks[0].area - 1))
     assert 3.5 < -np.polyfit(np.log(counts), np.log(errors), 1)[0] < 4.5
-
-
-def test_long_saddle_is_followed():
-    solution = spanned("saddle 8:1")
-    assert solution.converged
-    assert solution.boundary_residual.rms_per_edge < 1e-6
-    # more than the ellipse below it, less than the graph z = 0.6·(x/8)·y over it
-    nodes, weights = np.polynomial.legendre.leggauss(30)
-    radius, angle = (nodes[:, None] + 1) / 2, 2 * np.pi * np.arange(60) / 60
-    stretch = np.sqrt(1 + 0.36 * radius**2 * (np.cos(angle) ** 2 + (np.sin(angle) / 8) ** 2))
-    graph = 8 * np.pi * (weights[:, None] * radius * stretch).sum() / 60
-    # at the tips the spline through 128 points encloses a little more than the curve
-    assert 8 * np.pi < solution.area < graph * (1 + 1e-6)
 
 
 @pytest.mark.parametrize("corners", [CONVEX, L_SHAPE], ids=["convex", "L"])
@@ -108,13 +83,6 @@ def test_loop_points_in_domain_run_around_it_and_meet_the_loop(solve):
     assert np.abs(z[:, None] - dense).min(axis=1).max() < 1e-3 * solution.domain.diameter
     gap = np.linalg.norm(solution.surface.position(z) - solution.loop.points, axis=1)
     assert gap.max() < 1e-3 * solution.loop.mean_edge_length
-
-
-def test_matching_increases_over_one_turn():
-    t, s = spanned("tennis seam").matching.T
-    assert (np.diff(t) > 0).all()
-    assert (np.diff(s) >= 0).all()
-    assert s[-1] - s[0] <= 1
 
 
 def test_solution_is_json_ready():

@@ -7,7 +7,7 @@ import pytest
 
 from spinor_geom import gallery
 from spinor_geom.holomorphic.mlp import ComplexMLP
-from spinor_geom.plateau import solve_plateau, solve_plateau_batch
+from spinor_geom.plateau import solve_plateau
 from spinor_geom.training import RMSprop, train_by_rmsprop
 
 CURVE = gallery.twisted_circle()
@@ -33,12 +33,6 @@ def test_levenberg_marquardt_is_the_default_and_meets_the_curve(optimizer):
     assert [step.index for step in steps] == list(range(1, len(steps) + 1))
     # the curve is so smooth that the distilled network needs no polish
     assert [*dict.fromkeys(step.method for step in steps)][:2] == ["Douglas-Newton", "distillation"]
-
-
-def test_a_batch_trains_a_network_for_each_loop():
-    (solution,) = solve_plateau_batch([CURVE.sample(60)], model="mlp")
-    assert (solution.route, solution.converged) == ("trained", True)
-    assert farthest(solution) < 1.1e-6 * solution.loop.diagonal
 
 
 def test_without_a_warm_start_it_begins_at_random_on_the_disk():

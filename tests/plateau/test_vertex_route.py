@@ -182,13 +182,3 @@ def test_integrals_to_any_point_are_exact_for_polynomials(order: int) -> None:
     for power in range(order):
         found = cumulative_matrix(order, ends) @ nodes**power
         np.testing.assert_allclose(found, np.array(ends) ** (power + 1) / (power + 1), atol=1e-14)
-
-
-@pytest.mark.slow
-def test_a_long_rim_is_met_though_errors_of_its_start_add_up() -> None:
-    """With noise of 30 % of an edge the start is 3.4 edges away: more than any start of short rims may be."""
-    hole = ragged_hole("noise-30%-1200")
-    (loop,) = (loop for loop in sg.boundary_loops((hole.vertices, hole.faces)) if set(loop.vertex_ids) <= {*hole.rim})
-    solution = sg.solve_plateau(loop, time_limit=600)
-    assert solution.route == "vertices"
-    assert solution.converged

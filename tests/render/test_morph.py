@@ -18,7 +18,6 @@ from spinor_geom.errors import OptionError, PeriodError
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.meshing.embed import mesh_surface
 from spinor_geom.render.morph import SUFFIXES, morph
-from spinor_geom.render.page import farthest
 from spinor_geom.render.portrait import GAUSS, GRID_LINES, grid_lines, surface_layers
 from spinor_geom.render.scene import Faces
 from spinor_geom.surface.array_surface import ArraySurface
@@ -71,15 +70,6 @@ def test_the_metric_stays_to_round_off(angle: float) -> None:
         along = z[:, None] + step * (nodes + 1) / 2
         lengths = [(np.asarray(s.conformal_factor(along)) * weights).sum(axis=1) for s in (surface, turned)]
         np.testing.assert_allclose(lengths[1], lengths[0], rtol=1e-14)
-
-
-def test_a_view_holds_every_member(catenoid: Faces) -> None:
-    middle = np.array([0.1, 0.2, 0.3])
-    reached = [
-        np.linalg.norm(np.cos(t) * (catenoid.vertices - middle) + np.sin(t) * (catenoid.conjugate - middle), axis=1)
-        for t in np.linspace(0, 2 * np.pi, 721)
-    ]
-    assert farthest(catenoid, middle) == pytest.approx(np.max(reached), rel=1e-5)
 
 
 def test_lines_of_the_grid_lie_in_the_domain_and_are_straight_there() -> None:

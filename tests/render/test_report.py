@@ -25,8 +25,6 @@ from tests.browser import Visit, browser, visit
 from tests.fill.shapes import collar, figure_eight, tube
 from tests.render.test_png import SKINS, green_tube
 
-ROOT = Path(__file__).parents[2]
-
 
 @pytest.fixture(scope="module")
 def result() -> FillResult:
@@ -156,35 +154,6 @@ def test_mouse_wheel_and_keys_turn_move_and_zoom(opened: Visit) -> None:
     assert changed(start, canvas(opened, 0)) < 0.001
 
 
-def test_views_have_true_rulers_and_names_for_those_who_do_not_see(opened: Visit) -> None:
-    rulers = opened.page.locator(".ruler:visible").all_inner_texts()
-    assert len(rulers) == 2
-    assert all(f"{float(text.split()[0]):e}"[0] in "125" for text in rulers)
-    assert "mesh units" in rulers[0]
-    labels = [view.get_attribute("aria-label") for view in opened.page.locator("canvas").all()]
-    assert all("arrow keys" in label for label in labels)
-    width = opened.page.locator(".ruler i").nth(1).bounding_box()["width"]
-    length = float(opened.page.locator(".ruler span").nth(1).inner_text().split()[0])
-    image = canvas(opened, 1)
-    upper = image[: len(image) * 3 // 5]  # without the ruler
-    wide = np.flatnonzero((upper.min(axis=-1) < 200)[:, 3:-3].any(axis=0))
-    drawn = (wide.max() - wide.min()) / width * length
-    assert drawn == pytest.approx(domain_width(opened), rel=0.05)
-
-
-def domain_width(opened: Visit) -> float:
-    """The width of the domain's own points, as the page holds them."""
-    return float(
-        opened.page.evaluate(
-            """() => { const view = JSON.parse(document.getElementById("views").textContent)[1];
-            const arrays = JSON.parse(document.getElementById("arrays").textContent);
-            const text = atob(arrays[view.layers[0].vertices]), bytes = Uint8Array.from(text, (c) => c.charCodeAt(0));
-            const x = [...new Float32Array(bytes.buffer)].filter((_, k) => k % 3 === 0);
-            return view.reach * (Math.max(...x) - Math.min(...x)); }"""
-        )
-    )
-
-
 def test_the_page_shows_which_patches_are_discrete_and_why() -> None:
     _, result = spinor_geom.fill_hole(collar(figure_eight(16, 0.5), np.array([0, 0, 0.3])), return_report=True)
     text = spinor_geom.report(result)
@@ -244,10 +213,6 @@ def test_a_large_mesh_is_shown_whole_and_as_it_is_near_its_loops() -> None:
     assert "shown coarser than it is" in spinor_geom.report(result)
 
 
-def test_patches_have_the_numbers_of_their_loops(opened: Visit) -> None:
-    assert opened.page.locator(".number").all_inner_texts() == ["0", "1"]
-
-
 @pytest.mark.parametrize("skin", SKINS)
 def test_the_page_shows_the_colours_of_the_mesh(skin: str, chromium: Any, tmp_path: Path) -> None:
     _, result = spinor_geom.fill_hole(green_tube(tmp_path, skin), return_report=True)
@@ -272,16 +237,6 @@ def test_a_bridge_is_shown_with_both_rims_and_its_discrete_annulus() -> None:
     assert (np.linalg.norm(start - end, axis=1) < 0.3 * np.linalg.norm(start, axis=1)).all()
     assert np.isfinite(views.fields[DISTANCE]).all()
     assert views.fields[DISTANCE].max() < 0.05
-
-
-def test_the_page_names_the_file_it_is_about(page: Path, tmp_path: Path) -> None:
-    assert "<h1>Holes of a mesh, filled" in page.read_text(encoding="utf-8")
-    source = tmp_path / "a&b.obj"
-    source.write_bytes((ROOT / "data" / "trimesh_reference.obj").read_bytes())
-    _, result = spinor_geom.fill_hole(source, loop=[], return_report=True)
-    text = spinor_geom.report(result)
-    assert "<title>spinor-geom fill: a&amp;b.obj</title>" in text
-    assert f"<p>{tmp_path}/a&amp;b.obj</p>" in text
 
 
 LINKED = """() => [...document.querySelectorAll("tr.chosen, .number.chosen")].map(

@@ -78,9 +78,3 @@ def test_a_model_that_is_not_holomorphic_shows_its_mean_curvature():
     surface = SpinorSurface(NotHolomorphic(), PlaneDomain.disk(n=32))
     z = inside(surface.domain, 50)
     assert np.median(np.abs(surface.mean_curvature(z))) > 1e-2
-
-
-def test_points_at_anchors_and_at_the_root_are_ordinary():
-    surface = polynomial([1, 0.5], [0.2, 0.4, 0.3]).surface
-    z = np.append(surface.domain.triangulation.points[::7], [surface.root, 0])
-    assert np.abs(surface.mean_curvature(z)).max() < 1e-12

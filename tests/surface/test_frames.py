@@ -64,13 +64,6 @@ def test_a_full_turn_of_the_frame_does_not_close_up():
         assert bool(frames.signs_close_up(*frames.spinors_from_phi(phi))) == closes
 
 
-def test_signs_are_continuous_however_the_roots_fall():
-    angle = 2 * np.pi * torch.arange(200, dtype=torch.float64) / 200
-    phi = torch.exp(5j * angle)[:, None] * torch.tensor([1, -1j, 0], dtype=torch.complex128)
-    p, _ = frames.spinors_from_phi(phi)
-    assert float((p[1:] - p[:-1]).abs().max()) < 5 * np.pi / 200 * 1.01
-
-
 def rotation_from_su2(unitary):
     turned = formulas.phi(unitary[0, 0], unitary[1, 0])  # p = 1, q = 0 has φ = e₁ − i e₂
     first, second = turned.real, -turned.imag

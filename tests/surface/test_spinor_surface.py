@@ -134,13 +134,6 @@ def test_conjugate_of_the_catenoid_is_the_helicoid():
     np.testing.assert_allclose(conjugate.position(z), exact + shift, atol=1e-13)
 
 
-def test_an_associate_by_a_full_turn_is_the_surface_itself():
-    surface = polynomial([1, 0.5j], [0.2, 1, 0.3]).surface
-    z = inside(surface.domain, 20)
-    np.testing.assert_allclose(surface.associate(2 * np.pi).position(z), surface.position(z), atol=1e-14)
-    np.testing.assert_allclose(surface.associate(2 * np.pi).spinors(z), -surface.spinors(z), atol=1e-14)
-
-
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
 def test_similarities_act_on_positions_normals_and_area(seed, scale):
