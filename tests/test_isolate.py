@@ -152,6 +152,7 @@ run_isolated([task], module=TASKS, time_limit=100.0, on_record=lambda _, record:
 """
 
 
+@pytest.mark.slow
 def test_no_process_imports_from_the_folder_of_the_mesh(tmp_path: Path) -> None:
     program, executed = str(Path(sys.executable).with_name("spinor-geom")), tmp_path / "executed"
     folder, start = tmp_path / "scans", tmp_path / "start"

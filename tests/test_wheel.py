@@ -17,6 +17,7 @@ import pytest
 from packaging.requirements import Requirement
 
 ROOT = Path(__file__).parents[1]
+pytestmark = pytest.mark.slow  # CI builds and installs the wheel as well
 
 
 @pytest.fixture(scope="module")
@@ -76,7 +77,6 @@ def contents(wheel: Path) -> set[str]:
         return {name for name in archive.namelist() if ".dist-info/" not in name}
 
 
-@pytest.mark.slow  # CI builds both as well
 def test_the_wheel_of_the_sdist_is_the_wheel_of_the_source(wheel: Path, source: Path, tmp_path: Path) -> None:
     assert contents(built_wheel(built(source, tmp_path, "sdist"), tmp_path / "wheel")) == contents(wheel)
 

@@ -18,7 +18,7 @@ from tests.adapters.malformed import CUBE, FACES, GLB, OBJ, OFF, PLY, STL, binar
 from tests.adapters.malformed import glb as glb_with
 from tests.adapters.shapes import glb_file
 
-EXAMPLES = 60
+EXAMPLES = 30
 
 RICH_OBJ = (
     "v 0 0 0 1 0 0\nv 1 0 0 0 1 0\nv 0 1 0 0 0 1\nv 1 1 0 1 1 1\nvt 0 0\nvn 0 0 1\n"

@@ -35,7 +35,7 @@ def require_prefix(before: Arrays, after: Arrays, rows: int) -> None:
 
 
 @pytest.mark.parametrize("kind", OBJECTS)
-@settings(max_examples=20)
+@settings(max_examples=10)
 @given(data=st.data(), mesh=meshes())
 def test_all_that_an_object_holds_stays(kind: str, data: st.DataObject, mesh: tuple[np.ndarray, np.ndarray]) -> None:
     made, held, _ = OBJECTS[kind]
@@ -73,7 +73,7 @@ def test_a_lid_closes_the_cube_and_needs_all_attributes(kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", OBJECTS)
-@pytest.mark.parametrize(("error", "merge"), [(None, False), (0.0, True), (1e-9, True), (1e-4, 2e-4)])
+@pytest.mark.parametrize(("error", "merge"), [(None, False), (1e-9, True), (1e-4, 2e-4)])
 def test_vertices_are_merged_and_holes_filled(kind: str, error: float | None, merge: bool | float) -> None:
     made, held, _ = OBJECTS[kind]
     vertices, faces = tube()

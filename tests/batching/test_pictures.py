@@ -79,7 +79,7 @@ def test_pages_of_meshes_open_from_that_of_the_batch(drawn: BatchResult) -> None
         links = opened.page.locator(".loops a").evaluate_all("(all) => all.map((one) => one.href)")
         opened.page.evaluate("for (const one of document.images) one.loading = 'eager'")
         opened.page.wait_for_function("[...document.images].every((one) => one.naturalWidth)")
-        for link in links:
+        for link in links[::4]:
             opened.page.goto(link)
             opened.page.wait_for_function("document.title.startsWith('ready')")
         assert opened.errors == []

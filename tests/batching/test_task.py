@@ -411,7 +411,7 @@ def test_a_process_that_cannot_start_stops_the_batch(
     assert "cannot start: its process died with status 1: ModuleNotFoundError" in done["stop"]
 
 
-@pytest.mark.parametrize("what", ["fill", "surface", "loops"])
+@pytest.mark.parametrize("what", ["fill", "loops"])
 def test_lines_and_points_beside_faces_are_a_note(tmp_path: Path, what: str) -> None:
     stray = "p 1 2 3\nl 1 2 3\nl 4 5 4\n"
     (tmp_path / "stray.obj").write_bytes(holed_text().encode() + stray.encode())

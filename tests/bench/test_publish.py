@@ -22,6 +22,7 @@ def publish(monkeypatch):
     return importlib.import_module("publish")
 
 
+@pytest.mark.slow
 def test_one_command_measures_and_writes_the_figures_of_all_pages(publish, tmp_path, monkeypatch):
     monkeypatch.setattr(runner, "run_isolated", in_this_process)
     cases = {"disks": "enneper-0.8", "fills": "enneper-0.8", "cut-outs": PICTURED[0], "meshes": "demosthenes*"}

@@ -1,6 +1,5 @@
 """`spinor-geom solve`: outputs, exit statuses, and one sentence for bad input."""
 
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -109,16 +108,11 @@ def test_numbers_of_loops_may_be_apart(given: list[str], joined: list[str]) -> N
     assert _with_joined_numbers(given) == joined
 
 
-def test_gaps_of_curves_are_closed_by_one_rule(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_gaps_of_curves_are_closed_up_to_a_share_of_an_edge(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     ring = circle(0, 0.3)
     edge = float(np.linalg.norm(ring[1] - ring[0]))
     for gap, options, status in ((1e-4, [], 0), (1e-2, [], 2), (1e-2, ["--closing", "0.1"], 0)):
         nearly = np.vstack([ring, ring[:1] + np.array([0, 0, gap * edge])])
         source = write_obj(tmp_path / "ring.obj", nearly, closed=False)
-        for command in (["solve", "-o", str(tmp_path / "film.stl")], ["batch", "-o", str(tmp_path / "batch")]):
-            if command[0] == "batch":
-                shutil.rmtree(tmp_path / "batch", ignore_errors=True)
-                pytest.importorskip("dask")
-            expected = min(status, 1) if command[0] == "batch" else status
-            assert main([*command[:1], str(source), *command[1:], *options]) == expected, (gap, command)
+        assert main(["solve", str(source), "-o", str(tmp_path / "film.stl"), *options]) == status, gap
     assert "closed over a gap" in capsys.readouterr().err

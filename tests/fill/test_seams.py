@@ -90,7 +90,7 @@ BODIES = {"box": box(3, 3), "can": can(1, 1), "globe": globe(9), "shifted": (box
 
 
 @pytest.mark.parametrize("body", BODIES)
-@pytest.mark.parametrize("error", [1e-17, 1e-16, 1e-15, 1e-12, 1e-8])
+@pytest.mark.parametrize("error", [1e-16, 1e-8])
 def test_text_stl_is_merged_within_rounding(tmp_path: Path, body: str, error: float) -> None:
     path = tmp_path / "a.stl"
     path.write_text(text_stl(BODIES[body], error, 7))
@@ -210,12 +210,11 @@ SEAMS = {
 
 
 @pytest.mark.parametrize("seam", SEAMS)
-@pytest.mark.parametrize("off", [0.0, 1e-12, 5e-7])
-@pytest.mark.parametrize("continuity", ["C0", "C1"])
-def test_t_junctions_are_left_open(seam: str, off: float, continuity: str) -> None:
+@pytest.mark.parametrize("off", [0.0, 5e-7])
+def test_t_junctions_are_left_open(seam: str, off: float) -> None:
     vertices, faces = SEAMS[seam]
     vertices = vertices + np.random.default_rng(2).uniform(-1, 1, size=vertices.shape) * off / np.sqrt(12)
-    _, report = fill_hole((vertices, faces), return_report=True, continuity=continuity)
+    _, report = fill_hole((vertices, faces), return_report=True)
     assert len(report.loops) == 2
     assert len(report.extension.faces) == 0
     for outcome in report.loops:

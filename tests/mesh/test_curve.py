@@ -248,7 +248,7 @@ def jittered_shares(count: int) -> np.ndarray:
 
 
 class TestSamplings:
-    @pytest.mark.parametrize("count", [64, 128])
+    @pytest.mark.parametrize("count", [64])
     def test_even_points_lose_nothing_beside_their_trigonometric_polynomial(
         self, count: int, monkeypatch: pytest.MonkeyPatch
     ) -> None:

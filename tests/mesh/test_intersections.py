@@ -112,7 +112,7 @@ def crossings_exactly(points: np.ndarray) -> list[list[int]]:
 # --- faces ------------------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(seed=SEEDS, reach=st.integers(1, 3))
 def test_two_triangles_cross_as_in_rational_arithmetic(seed: int, reach: int) -> None:
     # small whole coordinates: most pairs share corners or sides, touch, lie in a plane, or have no area
@@ -123,7 +123,7 @@ def test_two_triangles_cross_as_in_rational_arithmetic(seed: int, reach: int) ->
         assert len(self_intersections(triangles.reshape(-1, 3), BOTH)) == len(expected)
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(seed=SEEDS)
 def test_triangles_with_common_vertices_cross_as_in_rational_arithmetic(seed: int) -> None:
     random = np.random.default_rng(seed)
@@ -162,7 +162,7 @@ def test_counts_do_not_change_under_motion_and_scale(motion: RigidMotion, scale:
     assert sorted(map(tuple, flipped[:, ::-1].tolist())) == sorted(map(tuple, between.tolist()))
 
 
-@settings(max_examples=8)
+@settings(max_examples=4)
 @given(seed=SEEDS)
 def test_all_pairs_of_a_crumpled_sheet_are_found(seed: int) -> None:
     vertices, faces = crumpled(seed, size=4)
@@ -199,7 +199,7 @@ def test_a_graph_does_not_cross_itself(points: np.ndarray, height: float) -> Non
 # --- polygons ---------------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=150)
+@settings(max_examples=80)
 @given(seed=SEEDS, count=st.integers(3, 9), reach=st.integers(1, 3), flat=st.booleans())
 def test_edges_meet_as_in_rational_arithmetic(seed: int, count: int, reach: int, flat: bool) -> None:
     points = np.random.default_rng(seed).integers(-reach, reach + 1, size=(count, 3)).astype(float)
