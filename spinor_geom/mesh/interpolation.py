@@ -257,6 +257,18 @@ def lagrange_at_0(nodes: Float[np.ndarray, "*b k"]) -> Float[np.ndarray, "*b k"]
     return np.asarray(factors.prod(axis=-1))
 
 
+def missed(points: Float[np.ndarray, "m k"], reach: int) -> Float[np.ndarray, " m"]:
+    """Distance of each point of a closed polygon from the polynomial through `reach` neighbours on each side.
+
+    The polynomials are over chord lengths.
+    """
+    around = np.concatenate([np.arange(-reach, 0), np.arange(1, reach + 1)])
+    turns, near = np.divmod(np.arange(len(points))[:, None] + around, len(points))
+    along = np.append(0.0, np.cumsum(edge_lengths(points)))
+    weights = lagrange_at_0(along[near] + turns * along[-1] - along[:-1, None])
+    return np.asarray(norm((weights[:, None] @ points[near])[:, 0] - points))
+
+
 def by_arcs(points: Float[np.ndarray, "m k"]) -> Breaks:
     """Parameters of points by arc length of the periodic cubic spline through them, from 0 to 1."""
     return _arc_shares(*periodic_cubics(points))

@@ -1,12 +1,11 @@
 """Roughness of loops, with one definition for all routes."""
 
 import numpy as np
-from jaxtyping import Float
 
-from spinor_geom.arrays import norm, shifted
-from spinor_geom.mesh.boundary_loop import BoundaryLoop, turning_angles
+from spinor_geom.arrays import shifted
+from spinor_geom.mesh.boundary_loop import BoundaryLoop, have_predicted_sides, turning_angles
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.mesh.interpolation import lagrange_at_0
+from spinor_geom.mesh.interpolation import missed
 
 # A loop is rough if cubics through four neighbours miss its points by more than this share of an edge, as with noise of
 # 0.04 edges, and by hardly less than lines through two neighbours do. Of 2,400 smooth curves of 32 to 96 points with
@@ -29,16 +28,7 @@ def roughness(loop: BoundaryLoop) -> float:
 
 def _mean_missed(loop: BoundaryLoop, reach: int) -> float:
     near_corner = np.logical_or.reduce([shifted(loop.corners, k) for k in range(-2, 3)])
-    return 0.0 if near_corner.all() else float(_missed(loop, reach)[~near_corner].mean())
-
-
-def _missed(loop: BoundaryLoop, reach: int) -> Float[np.ndarray, " m"]:
-    """Distance of each point from the polynomial through `reach` neighbours on each side."""
-    around = np.concatenate([np.arange(-reach, 0), np.arange(1, reach + 1)])
-    turns, near = np.divmod(np.arange(len(loop))[:, None] + around, len(loop))
-    along = np.append(0.0, np.cumsum(loop.edge_lengths))
-    weights = lagrange_at_0(along[near] + turns * along[-1] - along[:-1, None])
-    return np.asarray(norm((weights[:, None] @ loop.points[near])[:, 0] - loop.points))
+    return 0.0 if near_corner.all() else float(missed(loop.points, reach)[~near_corner].mean())
 
 
 def negligible_energy(edges: int, allowed: float) -> float:
@@ -64,11 +54,10 @@ def is_ragged(loop: BoundaryLoop) -> bool:
 def has_stray_corners(loop: BoundaryLoop) -> bool:
     """Whether corners were only detected, and the sides between them are not smooth, so that Γ need not have them.
 
-    Smooth sides are straight, or have many points that their neighbours predict.
+    Smooth sides are straight, or have points that their neighbours predict.
     """
     corners = np.count_nonzero(loop.corners)
     if loop.corners_given or not corners:
         return False
-    turn, points_of_a_side = turning_angles(loop.points)[~loop.corners].max(initial=0.0), len(loop) / corners + 1
-    is_smooth = points_of_a_side > FEW_POINTS and roughness(loop) <= _MISSED / 2
-    return not (is_smooth or (points_of_a_side > 2 and turn <= _STRAIGHT))
+    is_straight = len(loop) > corners and turning_angles(loop.points)[~loop.corners].max() <= _STRAIGHT
+    return not (is_straight or have_predicted_sides(loop.points, loop.corners))

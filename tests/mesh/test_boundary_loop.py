@@ -18,6 +18,7 @@ from spinor_geom.errors import (
     SpinorGeomError,
 )
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, centroids, detect_corners, diagonals, turning_angles
+from spinor_geom.plateau.roughness import has_stray_corners
 from tests.strategies import RigidMotion, rigid_motions, rough_loops, smooth_loops
 
 
@@ -206,6 +207,32 @@ class TestCorners:
     def test_noisy_rim_does_not_become_a_polygon(self, points: np.ndarray) -> None:
         # large turns alone between four small ones are an accident here, rarer than one point in 20
         assert detect_corners(points).sum() <= len(points) / 20 + 1
+
+    @pytest.mark.parametrize(
+        ("per_side", "rise", "degrees"),
+        [
+            ((6, 6, 6), (0.2, 0.2, 0.2), 12),
+            ((4, 4, 4, 4), (0.0, 0.15, -0.15, 0.15), 9),
+            ((5, 7, 5), (0.2, -0.2, 0.2), 11),
+        ],
+    )
+    def test_coarse_arcs_between_corners(
+        self, per_side: tuple[int, ...], rise: tuple[float, ...], degrees: float
+    ) -> None:
+        # parabolas over the sides of a regular polygon; half of the points turn by more than a quarter of 35°
+        k = len(per_side)
+        ends = circle(k)
+        sides = []
+        for a, b, count, height in zip(ends, np.roll(ends, -1, axis=0), per_side, rise, strict=True):
+            t = np.arange(count)[:, None] / count
+            sides.append(a + t * (b - a) + 4 * t * (1 - t) * height * np.array([(b - a)[1], -(b - a)[0], 0.5]))
+        points = np.concatenate(sides)
+        assert np.median(turning_angles(points)) > np.radians(degrees)
+        expected = np.cumsum((0, *per_side[:-1]))
+        np.testing.assert_array_equal(np.flatnonzero(detect_corners(points)), expected)
+        assert not has_stray_corners(BoundaryLoop.from_points(points))
+        rough = points + np.random.default_rng(0).normal(scale=0.02, size=points.shape)
+        assert not detect_corners(rough).any()
 
     def test_zig_zag_has_none(self) -> None:
         points = circle(60)
