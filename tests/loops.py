@@ -41,18 +41,6 @@ def ramp(turns: float, points: int = 160) -> BoundaryLoop:
     return BoundaryLoop.from_points(np.concatenate([middle + across, (middle - across)[::-1]]))
 
 
-def ramp_area(turns: float, points: int = 160) -> float:
-    """Area of the helicoid between the two helices of `ramp`."""
-    radius, half, pitch = RAMP
-    c = pitch / (2 * np.pi)
-    angle = 2 * np.pi * turns * (1 - 2 / points)
-
-    def inside(r):
-        return (r * np.hypot(r, c) + c**2 * np.arcsinh(r / c)) / 2
-
-    return float(angle * (inside(radius + half) - inside(radius - half)))
-
-
 def noisy_ellipse(points: int = 100, ratio: float = 2.0, amount: float = 0.2, seed: int = 0) -> BoundaryLoop:
     """A saddle-shaped ellipse whose points are moved by a share of the edge length: a ragged rim."""
     t = 2 * np.pi * np.arange(4000) / 4000

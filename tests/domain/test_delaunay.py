@@ -6,7 +6,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from spinor_geom.domain.delaunay import constrained_delaunay
-from spinor_geom.errors import DomainError
 from tests.strategies import SEEDS
 
 
@@ -28,11 +27,3 @@ def test_faces_fill_the_polygon_and_no_inner_vertex_lies_in_a_circumcircle(n, co
     centre = a + 1j * ((b - a) * np.abs(c - a) ** 2 - (c - a) * np.abs(b - a) ** 2) / (4 * area)
     distance = np.abs(inner - centre[within, None])
     assert (distance > np.abs(a - centre)[within, None] * (1 - 1e-9)).all()
-
-
-@pytest.mark.parametrize(
-    "points", [[0, 1 + 1j, 1, 1j], [0, 1, 1 + 1j, 1j, 0.5 + 0.5j, 0.5 + 0.5j]], ids=["crossing", "repeated"]
-)
-def test_what_is_no_simple_polygon_is_refused(points):
-    with pytest.raises(DomainError, match="not simple"):
-        constrained_delaunay(np.array(points, dtype=complex), (4,))

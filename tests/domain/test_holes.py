@@ -51,17 +51,6 @@ def test_what_is_no_hole_is_refused(bad, message):
         meshed(OUTER, bad)
 
 
-def test_annulus_contains_its_inside_and_has_its_boundary():
-    domain = PlaneDomain.annulus(0.4)
-    z = np.array([0.0, 0.39, 0.41, 0.7j, 0.99, 1.01])
-    np.testing.assert_array_equal(domain.contains(z), [False, False, True, True, True, False])
-    np.testing.assert_allclose(np.abs(domain.point(np.array([0.3, 2.3, 3.0]))), [1.0, 0.4, 0.4])
-    np.testing.assert_allclose(domain.point(domain.arcs[:, 0]), domain.vertices)
-    # each piece ends where the next one of its boundary starts
-    np.testing.assert_allclose(domain.point(domain.arcs[64:, 1]), np.roll(domain.vertices[64:], -1), atol=1e-15)
-    assert len(domain.parents) == len(domain.triangulation.points)
-
-
 def test_radii_that_are_none_are_refused():
     for inner, outer, n in ((1.0, 0.5, 64), (0.0, 1.0, 64), (0.9, 1.0, 6)):
         with pytest.raises(OptionError, match="an annulus needs"):

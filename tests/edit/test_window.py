@@ -16,8 +16,7 @@ import pytest
 from spinor_geom import fill_hole, read_mesh
 from spinor_geom.cli.main import main
 from spinor_geom.edit import window as window_module
-from spinor_geom.edit.panel import panel
-from spinor_geom.edit.window import COLOURS, MARKED, POINTED, Window
+from spinor_geom.edit.window import COLOURS, POINTED, Window
 from tests.edit.meshes import ball, prepared
 from tests.fill.shapes import obj_text
 
@@ -174,27 +173,6 @@ def test_what_is_saved_is_what_the_command_makes(person: Person, capsys: pytest.
         patch = report.loops[loops[0]].patch
         assert patch is not None
         np.testing.assert_array_equal(preview.patch.patch.vertices, patch.vertices)
-
-
-def test_two_rims_are_joined_and_a_failure_is_explained(person: Person) -> None:
-    window = person.window
-    person.click(0, shift=True)
-    assert window.marked == 0
-    assert person.sees(*person.place(0, on_rim=True), MARKED)
-    person.press("u")
-    assert window.marked is None
-    person.click(1, shift=True)
-    person.click(2, shift=True)
-    assert window.session.choices == {(1, 2): "film"}
-    person.wait()
-    ((preview, _),) = window.session.previews().values()
-    assert preview is not None
-    assert preview.patch is None
-    assert person.sees(*person.place(1, on_rim=True), COLOURS["bad"])
-    text = panel(window.session, window.work, person.filling.loops, pointed=1, command="", size=(60, 50))
-    assert "open" in text
-    assert "was left open" in " ".join(text.split())
-    assert all(len(line) <= 60 for line in text.split("\n"))
 
 
 def test_a_process_that_dies_and_a_cancelled_one_leave_the_loop_open(person: Person) -> None:

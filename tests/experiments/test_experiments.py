@@ -256,29 +256,3 @@ def test_an_unconfirmed_statement_of_the_paper_is_an_exit_status(tmp_path, capsy
     *_, counts, verdict = capsys.readouterr().err.splitlines()
     assert counts.startswith("spinor-geom: 0 of 1 agree with the paper")
     assert verdict == "spinor-geom: catenoid: Slope 0."
-
-
-def test_incomplete_results_and_those_of_other_versions_are_measured_anew(tmp_path, monkeypatch):
-    counted = []
-
-    def measured(**_):
-        counted.append(1)
-        return Outcome(rows=[{"a": 1.5}], reproduced=False, verdict="No.", pictures={"p": Figure()})
-
-    monkeypatch.setitem(integration.EXPERIMENTS, "catenoid", replace(experiment("catenoid"), measure=measured))
-
-    def run():
-        reproduce(["catenoid"], tmp_path, quick=True)
-        return len(counted)
-
-    assert [run(), run()] == [1, 1]
-    path = tmp_path / "catenoid" / "data.json"
-    path.write_text("[]")
-    assert [run(), run()] == [2, 2]
-    (tmp_path / "catenoid" / "p.png").unlink()
-    assert [run(), run()] == [3, 3]
-    path.write_text(json.dumps(json.loads(path.read_text()) | {"version": "another"}))
-    assert [run(), run()] == [4, 4]
-    # other settings are another measurement
-    reproduce(["catenoid"], tmp_path)
-    assert len(counted) == 5

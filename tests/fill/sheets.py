@@ -77,13 +77,6 @@ def moebius(width: float) -> Mesh:
     return largest(vertices, joined[faces])
 
 
-def pipe(arc: float, length: float) -> Mesh:
-    """A sheet bent around a cylinder of radius 1 by an arc in degrees."""
-    vertices, faces = square(24, lambda x, _: 0 * x)
-    angle = np.radians(arc) / 2 * vertices[:, 0]
-    return np.column_stack([np.sin(angle), length * vertices[:, 1], np.cos(angle)]), faces
-
-
 def ribbons() -> Iterator[tuple[str, Mesh]]:
     s = np.linspace(0, 1, 121)
     up, aside = columns(0 * s, 0.0, 1.0), columns(0 * s, 1.0, 0.0)
@@ -99,13 +92,6 @@ def ribbons() -> Iterator[tuple[str, Mesh]]:
         for turns in (0.25, 1, 3):
             angle = 2 * np.pi * turns * s
             yield f"twisted {turns} {length}", strip(straight, columns(0 * s, np.cos(angle), np.sin(angle)))
-
-
-def helix(turns: int, pitch: float, width: float) -> Mesh:
-    """A strip around a cylinder of radius 1, its width in pitches: with 1 its turns touch."""
-    s = np.linspace(0, 1, 121)
-    angle = 2 * np.pi * turns * s
-    return strip(columns(np.cos(angle), np.sin(angle), pitch * turns * s), pitch * width * columns(0 * s, 0.0, 1.0))
 
 
 def tubes_of(axes: list[tuple[list[float], list[float], float]], kept: Kept, points: int = 28) -> Mesh:

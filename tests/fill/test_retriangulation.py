@@ -9,8 +9,6 @@ import pytest
 
 from spinor_geom.bench.holes import Hole
 from spinor_geom.bench.ragged import BALLS, bowl
-from spinor_geom.fill import retriangulation
-from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.new_patch import NewPatch
 from spinor_geom.fill.patched_mesh import PatchedMesh
 from spinor_geom.fill.retriangulation import retriangulated
@@ -78,29 +76,3 @@ def test_no_edge_of_the_patch_s_other_faces_is_repeated() -> None:
 def test_a_patch_keeps_its_faces_if_new_ones_would_change_most_of_it() -> None:
     patched, new = tent(2.0)
     assert retriangulated(patched, new) is new
-
-
-@pytest.mark.parametrize(("points", "noise", "seed"), [(30, 0.8, 3), (40, 1.0, 3)])
-def test_new_triangles_change_the_area_little(
-    points: int, noise: float, seed: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    areas = []
-
-    def watched(patched: PatchedMesh, new: NewPatch) -> NewPatch:
-        found = retriangulated(patched, new)
-        assert len(found.crossings) < len(new.crossings)
-        areas.extend([new.patch.area, found.patch.area])
-        return found
-
-    monkeypatch.setattr(retriangulation, "retriangulated", watched)
-    rng, edge = np.random.default_rng(seed), 2 * np.pi / points
-    rows, t = np.arange(3)[:, None], 2 * np.pi * (np.arange(points) + 0.5 * (np.arange(3)[:, None] % 2)) / points
-    moved = noise * edge * rng.normal(size=(points, 2)).T * (rows[:, :, None] == 0)
-    radius = 1 + moved[:, 1]
-    walls = np.stack([radius * np.cos(t), radius * np.sin(t), moved[:, 0] - edge * rows], axis=2).reshape(-1, 3)
-    i, j = np.arange(points), (np.arange(points) + 1) % points
-    low, high = [[i, i + points, j], [j, i + points, j + points]], [[i, i + points, j + points], [i, j + points, j]]
-    faces = np.concatenate([np.stack(f, axis=1) + k * points for k, two in enumerate((low, high)) for f in two])
-    fill_hole((walls, faces), 0, return_report=True)
-    before, after = areas
-    assert after == pytest.approx(before, rel=0.05)

@@ -30,21 +30,10 @@ def loop_of(known, n):
     return known.sample(n) if isinstance(known, gallery.KnownCurve) else known.rim(n)
 
 
-def area_of(known):
-    return known.disks[0].area if isinstance(known, gallery.KnownCurve) else known.area
-
-
 @by_name
 def test_the_rim_lies_on_the_chart(known):
     # a corner where the tangents are infinite is met to the root of the round-off beside it
     assert known.chart.distances(loop_of(known, 64).points).max() < 1e-10
-
-
-@by_name
-def test_samples_stand_for_the_area(known):
-    samples = known.chart.samples(10_000)
-    # integrable singularities at corners cost a lattice its second order
-    assert abs(samples.areas.sum() / area_of(known) - 1) < 0.1
 
 
 @by_name
@@ -84,14 +73,6 @@ def test_the_straight_side_of_schwarz_h_is_straight(a):
     side = known.chart.position(known.sides[3](np.linspace(0, 1, 20)))
     along = (side[-1] - side[0]) / np.linalg.norm(side[-1] - side[0])
     assert np.linalg.norm(np.cross(side - side[0], along), axis=1).max() < 1e-12
-
-
-def test_random_polynomials_keep_their_normals_in_a_hemisphere():
-    for seed in range(5):
-        known = gallery.random_polynomial(seed, degree=3)
-        z = np.exp(2j * np.pi * np.arange(200) / 200)
-        assert np.abs(known.surface.gauss_map(z)).min() > 1.2
-        assert abs(known.surface.area() / known.area - 1) < 1e-12
 
 
 def test_henneberg_s_formula_is_that_of_its_spinors():

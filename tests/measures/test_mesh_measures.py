@@ -50,12 +50,6 @@ def test_mean_curvature_of_a_plane_is_zero_and_its_boundary_is_left_out():
     assert curvature.max < 1e-11
 
 
-def test_mean_curvature_leaves_out_unreferenced_vertices():
-    vertices, faces = sphere(1, 1.0)
-    curvature = discrete_mean_curvature(np.vstack([vertices, [[3.0, 0, 0]]]), faces)
-    assert len(curvature.vertices) == len(vertices)
-
-
 def test_mesh_without_inner_vertices_has_no_curvature():
     curvature = discrete_mean_curvature(np.eye(3), np.array([[0, 1, 2]]))
     assert len(curvature.values) == 0

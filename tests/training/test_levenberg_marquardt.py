@@ -9,14 +9,12 @@ from spinor_geom.deadline import time_limit
 from spinor_geom.domain import PlaneDomain
 from spinor_geom.errors import OptionError
 from spinor_geom.gallery import curves
-from spinor_geom.holomorphic.mlp import ComplexMLP
 from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.mesh.curve import ClosedCurve
 from spinor_geom.plateau import solve_plateau
 from spinor_geom.surface.spinor_surface import SpinorSurface
 from spinor_geom.training import LevenbergMarquardt, train_by_levenberg_marquardt
 from spinor_geom.training.boundary import BoundaryNodes
-from spinor_geom.training.levenberg_marquardt import Distillation, descend, rms
 
 CPU = torch.device("cpu")
 CURVES = {"twisted circle": curves.twisted_circle(), "tennis seam": curves.tennis_seam(0.8)}
@@ -100,19 +98,6 @@ def test_networks_that_are_too_small_stop_with_the_reason(solutions):
     assert result.status == "stopped"
     assert "wider network" in result.reason
     assert np.isfinite(result.misfit.max)
-
-
-@pytest.mark.parametrize("activation", ["sin", "sinh"])
-def test_other_activations_are_distilled(activation):
-    network = ComplexMLP(activation=activation, generator=torch.Generator().manual_seed(0))
-    z = torch.from_numpy(np.exp(2j * np.pi * np.arange(64) / 64))
-    values = torch.stack([1 / (z - 2), torch.exp(z)], dim=-1)
-    fit = Distillation(linear=network.linearised(z), values=values)
-    assert rms(descend(network, z, fit, damping=1e-6, tolerance=1e-6, max_steps=100)) < 1e-6
-    inside = 0.5 * z
-    expected = torch.stack([1 / (inside - 2), torch.exp(inside)], dim=-1)
-    # by the maximum principle, up to what happens between the points
-    assert float((network.value(inside).detach() - expected).abs().max()) < 1e-5
 
 
 def square():
