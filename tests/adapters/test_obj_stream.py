@@ -83,7 +83,7 @@ def same(one: FileContents, other: FileContents) -> bool:
     newline=st.sampled_from(["\n", "\r\n", "\r"]),
     ended=st.booleans(),
 )
-@settings(max_examples=80)
+@settings(max_examples=40)
 def test_blocks_of_any_size_give_the_same(lines: list[str], size: int, newline: str, ended: bool) -> None:
     text = newline.join(["v 0 0 0 1 1 1", *lines]) + (newline if ended else "")
     whole = read(text)

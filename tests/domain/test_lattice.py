@@ -25,7 +25,7 @@ def same_points(a, b):
     return len(a) == len(b) and np.allclose(np.sort_complex(a.round(9)), np.sort_complex(b.round(9)))
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(st.integers(3, 40), SEEDS, st.floats(0.03, 0.5))
 def test_lattice_points_inside_star_shaped_polygons(n, seed, spacing):
     rng = np.random.default_rng(seed)

@@ -34,7 +34,7 @@ def proper_crossings(a):
     }
 
 
-@settings(max_examples=30)
+@settings(max_examples=15)
 @given(n=st.integers(4, 12), seed=SEEDS)
 def test_crossings_equal_those_found_pair_by_pair(n, seed):
     polygon = np.random.default_rng(seed).normal(size=(n, 2)) @ np.array([1, 1j])

@@ -132,7 +132,7 @@ def test_new_vertices_and_faces_come_loop_by_loop() -> None:
     assert is_watertight(joined(mesh, extension).faces)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(mesh=ragged_meshes(), apex=st.integers(0, 1000))
 def test_ragged_meshes_filled_by_chords_are_watertight_and_valid(mesh: TriangleMesh, apex: int) -> None:
     filled, complete = filled_with_fans(mesh, apex)

@@ -124,7 +124,7 @@ def test_impossible_curves_are_refused(bad):
         bad()
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(st.lists(st.integers(0, 999), max_size=8, unique=True).map(sorted), st.integers(8, 60))
 def test_sampled_parameters_are_increasing_and_hold_the_corners(corners, n):
     corners = [c / 1000 for c in corners]

@@ -141,7 +141,7 @@ class TestMeasures:
         np.testing.assert_allclose(loop.plane.normal, [0, 0, 1], atol=1e-12)
         np.testing.assert_allclose(back.plane.normal, [0, 0, -1], atol=1e-12)
 
-    @settings(deadline=None, max_examples=30)
+    @settings(deadline=None, max_examples=15)
     @given(points=smooth_loops(), motion=rigid_motions(), exponent=st.integers(-6, 6))
     def test_motion_and_scale(self, points: np.ndarray, motion: RigidMotion, exponent: int) -> None:
         scale = 10.0**exponent
@@ -154,7 +154,7 @@ class TestMeasures:
         np.testing.assert_allclose(moved.centroid, motion(loop.centroid * scale), atol=noise * scale)
         np.testing.assert_allclose(moved.plane.normal, motion.rotation @ loop.plane.normal, atol=1000 * noise)
 
-    @settings(deadline=None, max_examples=30)
+    @settings(deadline=None, max_examples=15)
     @given(points=rough_loops(), start=st.integers(0, 200))
     def test_starting_point_does_not_matter(self, points: np.ndarray, start: int) -> None:
         loop, rolled = BoundaryLoop.from_points(points), BoundaryLoop.from_points(np.roll(points, -start, axis=0))
@@ -202,7 +202,7 @@ class TestCorners:
         points[10 + step] += [-0.1, 0.0, 0.0] if step > 0 else [0.0, 0.1, 0.0]
         assert not detect_corners(points)[10]
 
-    @settings(deadline=None, max_examples=100)
+    @settings(deadline=None, max_examples=50)
     @given(points=rough_loops())
     def test_noisy_rim_does_not_become_a_polygon(self, points: np.ndarray) -> None:
         # large turns alone between four small ones are an accident here, rarer than one point in 20

@@ -73,7 +73,7 @@ def jump(curve: BoundaryCurve, order: int, at: np.ndarray) -> np.ndarray:
 
 
 class TestInterpolation:
-    @settings(deadline=None, max_examples=30)
+    @settings(deadline=None, max_examples=15)
     @given(points=rough_loops(), corners=st.lists(st.integers(0, 23), max_size=5))
     def test_passes_through_the_vertices_to_the_last_bit(self, points: np.ndarray, corners: list[int]) -> None:
         curve = curve_of(points, corners)
@@ -351,7 +351,7 @@ class TestAverages:
 
 
 class TestNearest:
-    @settings(deadline=None, max_examples=30)
+    @settings(deadline=None, max_examples=15)
     @given(points=rough_loops(), seed=SEEDS)
     def test_no_denser_sampling_finds_a_nearer_point(self, points: np.ndarray, seed: int) -> None:
         curve = curve_of(points)

@@ -148,7 +148,7 @@ def test_a_soup_crosses_as_in_rational_arithmetic_at_any_scale(seed: int, scale:
     assert self_intersections(vertices, faces).tolist() == expected
 
 
-@settings(max_examples=30)
+@settings(max_examples=15)
 @given(motion=rigid_motions(), scale=st.floats(1e-6, 1e6), seed=SEEDS)
 def test_counts_do_not_change_under_motion_and_scale(motion: RigidMotion, scale: float, seed: int) -> None:
     vertices, faces = crumpled(seed)
@@ -199,7 +199,7 @@ def test_a_graph_does_not_cross_itself(points: np.ndarray, height: float) -> Non
 # --- polygons ---------------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=80)
+@settings(max_examples=40)
 @given(seed=SEEDS, count=st.integers(3, 9), reach=st.integers(1, 3), flat=st.booleans())
 def test_edges_meet_as_in_rational_arithmetic(seed: int, count: int, reach: int, flat: bool) -> None:
     points = np.random.default_rng(seed).integers(-reach, reach + 1, size=(count, 3)).astype(float)
@@ -243,7 +243,7 @@ def test_a_long_edge_is_compared_with_the_short_ones_it_passes(height: float, fo
     assert crossings.tolist() == ([[999, 2002], [1000, 2002]] if found else [])
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=30)
 @given(seed=SEEDS, count=st.integers(5, 20), turns=st.integers(1, 2), motion=rigid_motions())
 def test_stars_are_simple_where_they_wind_once(seed: int, count: int, turns: int, motion: RigidMotion) -> None:
     rng = np.random.default_rng(seed)

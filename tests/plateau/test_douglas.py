@@ -182,7 +182,7 @@ def test_smooth_slides_are_resampled_exactly_and_come_back(m, n):
     np.testing.assert_allclose(resampled(slides(n), m), slides(m), rtol=0, atol=1e-14)
 
 
-@settings(max_examples=30)
+@settings(max_examples=15)
 @given(seed=SEEDS, n=st.integers(48, 400).map(lambda half: 2 * half))
 def test_rough_slide_increases_when_it_is_resampled(seed, n):
     steps = np.random.default_rng(seed).exponential(size=120) ** 2 + 1e-9

@@ -49,7 +49,7 @@ def test_large_enneper_disks_have_index_one(radius):
 
 
 # half-width over pitch at which tanh U tanh kU = k, k = π/V, R/c = sinh U
-THRESHOLDS = [(2 * np.pi, 3**0.5), (1.5 * np.pi, 2.0), (4 * np.pi, 1.55632078449915)]
+THRESHOLDS = [(2 * np.pi, 3**0.5), (1.5 * np.pi, 2.0)]
 
 
 @pytest.mark.parametrize(
@@ -124,7 +124,7 @@ def power(degree: int, factor: float) -> ArraySurface:
 
 @pytest.mark.parametrize(
     "degree",
-    [63, 64, 256, 1000, *(pytest.param(n, marks=pytest.mark.slow) for n in (16, 128, 200, 255, 257, 512, 1024))],
+    [64, 256, *(pytest.param(n, marks=pytest.mark.slow) for n in (16, 63, 1000))],
 )
 @pytest.mark.parametrize("factor", [1.0, 1.5])
 def test_powers_that_meshes_do_not_resolve_are_not_stable(degree: int, factor: float) -> None:

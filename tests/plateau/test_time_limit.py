@@ -56,16 +56,12 @@ def rims(distance: float) -> list[BoundaryLoop]:
 CASES = {
     "smooth": (gallery.tennis_seam(0.8).sample(32), {}),
     "crowded": (folded(1), {}),
-    "noisy": (noisy(24, 0.2), {}),
     "noisy, free": (noisy(60, 0.3), {"between": "free"}),
     "a polygon": (box(7, 3), {}),
-    "a polygon, free": (box(12, 4), {"between": "free"}),
-    "corners": (BoundaryLoop.from_points(np.array([[0, 0, 0], [1, 0, 1], [1, 1, 0], [0, 1, 1.0]])), {}),
     "between two": (rims(0.4), {}),
 }
 SLOW = {
     "unstable, and left": (gallery.enneper(1.3).rim(32), {}),
-    "crowded, free": (folded(1), {"between": "free"}),
     "between two, noisy": ([noisy(20, 0.1), noisy(20, 0.1, seed=1, height=0.4)], {}),
     "by a network": (folded(5), {}),
     "after an unfolding, free": (folded(5), {"between": "free"}),

@@ -28,7 +28,7 @@ def test_p_alone_is_the_plane_with_normal_plus_e3():
     np.testing.assert_array_equal(formulas.normal(p, q), [0.0, 0.0, 1.0])
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(complex_numbers(), complex_numbers())
 def test_null_conformal_and_orthonormal_frame(p, q):
     p, q = scalar(p), scalar(q)
@@ -41,7 +41,7 @@ def test_null_conformal_and_orthonormal_frame(p, q):
     np.testing.assert_allclose(torch.linalg.cross(r_x, r_y) / scale, normal, atol=ROUND_OFF)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(complex_numbers(), complex_numbers())
 def test_gauss_map_is_the_stereographic_normal_and_weierstrass_data_give_phi_back(p, q):
     p, q = scalar(p), scalar(q)
