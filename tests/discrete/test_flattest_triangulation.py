@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from spinor_geom.discrete.flattest_triangulation import FlattestTriangulation
 from spinor_geom.mesh.operators import face_areas, face_normals
 from tests.discrete.test_first_fill import triangulations
-from tests.loops import CONVE, L_SHAPE, polygon_area
+from tests.loops import CONVEX, L_SHAPE, polygon_area
 from tests.strategies import SEEDS
 
 
@@ -51,7 +51,7 @@ def test_the_sum_of_charges_is_the_least_without_forbidden_edges(n, share, seed)
         assert triangulation.least == charge(corners) == min(map(charge, allowed))
 
 
-@pytest.mark.parametrize("corners", [CONVE, L_SHAPE], ids=["convex", "L"])
+@pytest.mark.parametrize("corners", [CONVEX, L_SHAPE], ids=["convex", "L"])
 def test_plane_polygons_are_not_folded(corners):
     points = np.column_stack([corners, np.zeros(len(corners))])
     _, triangles = flattest(points)
