@@ -56,28 +56,3 @@ def test_one_of_several_holes_is_chosen(tmp_path: Path, capsys: pytest.CaptureFi
     assert cad.import_step(tmp_path / "lid.step").area == pytest.approx(np.pi, rel=1e-6)
     assert main([*arguments, "--loop", "2"]) == 2
     assert "loop 2 does not exist" in capsys.readouterr().err
-
-
-BAD = {
-    "open": ([cad.Edge.make_line((0, 0, 0), (1, 0, 0))], [], "the edges are open"),
-    "solid": ([cad.Box(1, 1, 1)], [], "without a free boundary"),
-    "crossing": (
-        [cad.Wire.make_polygon([(0, 0, 0), (1, 1, 0), (1, 0, 0), (0, 1, 0)])],
-        [],
-        "crosses or touches itself",
-    ),
-    "apart": ([cad.Wire.make_circle(1), cad.Wire.make_circle(1).moved(cad.Location((0, 0, 9)))], [], "no annulus"),
-    "unit": ([cad.Wire.make_circle(1)], ["--unit", "m"], "remove --unit"),
-}
-
-
-@pytest.mark.parametrize(("shapes", "options", "message"), BAD.values(), ids=BAD)
-def test_bad_input_is_one_sentence_and_nothing_is_written(
-    shapes: list[object], options: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    cad.export_step(cad.Compound(shapes), tmp_path / "frame.step")
-    assert main(["solve", str(tmp_path / "frame.step"), "-o", str(tmp_path / "film.step"), *options]) == 2
-    output = capsys.readouterr().err
-    assert message in output
-    assert output.count("\n") == 1
-    assert not (tmp_path / "film.step").exists()

@@ -20,7 +20,6 @@ from tests.browser import browser, visit
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
-README_PICTURES = ("continuation.png", "gallery.png")
 
 
 @pytest.fixture(scope="module")
@@ -86,20 +85,6 @@ def test_every_page_and_every_picture_opens_in_a_browser(pages: Path, address: s
                 assert not opened.foreign, (name, opened.foreign)
                 if name == "spinors.html":
                     assert page.locator("math[display=block]").first.bounding_box()["height"] > 10
-
-
-def test_the_readme_s_pictures_open_in_a_browser_and_are_small(tmp_path: Path) -> None:
-    text = "".join(f'<img src="{(DOCS / name).as_uri()}">' for name in README_PICTURES)
-    page = tmp_path / "page.html"
-    page.write_text(text, encoding="utf-8")
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    with browser() as chromium, visit(chromium, page.as_uri()) as opened:
-        widths = opened.page.locator("img").evaluate_all("images => images.map((image) => image.naturalWidth)")
-        assert min(widths) > 600
-        assert not opened.errors
-    for name in README_PICTURES:
-        assert f"(docs/{name})" in readme
-        assert (DOCS / name).stat().st_size < 300_000
 
 
 def test_all_pictures_are_shown_and_small(pictures: ModuleType) -> None:
