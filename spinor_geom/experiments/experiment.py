@@ -3,7 +3,6 @@
 import importlib
 import json
 import os
-import shutil
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -25,7 +24,6 @@ from spinor_geom.version import program_version
 REPORT, PAGE, DESCRIPTION = "report.md", "report.html", "data.json"
 QUICK = "Trainings have fewer epochs and grids are coarser than in the paper; the criteria are the same"
 TITLE = "The paper's experiments, repeated"
-_SUFFIXES = (".png", ".pdf")  # of each picture
 _RESOLUTION = 160  # pixels per inch of the PNGs
 _STYLE = "h2 { border-top: 1px solid var(--faint); padding-top: 1.5rem } img { display: block; max-height: 40rem }"
 
@@ -81,13 +79,6 @@ class Experiment:
         return {name: finite(asdict(v) if isinstance(v, RMSprop | LevenbergMarquardt) else v) for name, v in named}
 
 
-def with_checkpoint(name: str, options: RMSprop) -> RMSprop:
-    """The options with the checkpoint NAME.pt in the folder `options.checkpoint`, unchanged if that is None."""
-    if options.checkpoint is None:
-        return options
-    return replace(options, checkpoint=Path(options.checkpoint) / f"{name.replace(' ', '-')}.pt")
-
-
 def experiment(name: str) -> Experiment:
     """An experiment by name. Raises OptionError for an unknown name."""
     if name not in NAMES:
@@ -118,8 +109,8 @@ def reproduce(
 ) -> tuple[Results, ...]:
     """Runs experiments one after the other and updates the report after each.
 
-    Complete results of the same version and settings in the folder are reused, and trainings resume from their
-    checkpoints there. `on_start` is called with the name of each experiment, resumed or not.
+    Complete results of the same version and settings in the folder are reused. `on_start` is called with the name of
+    each experiment, reused or not.
     """
     chosen, done = {name: experiment(name) for name in names}, list[Results]()
     for name, one in chosen.items():
@@ -134,16 +125,12 @@ def reproduce(
 
 def _run(name: str, one: Experiment, folder: Path, quick: bool) -> Results:
     identity = {"name": name, "quick": quick, "settings": one.description(quick=quick), "version": program_version()}
-    path, states = folder / DESCRIPTION, folder / "states"
+    path = folder / DESCRIPTION
     found = _finished(path)
     if any(found.get(key) != value for key, value in identity.items()):
         begin = time.perf_counter()
-        states.mkdir(parents=True, exist_ok=True)
-        resumable = {
-            key: replace(value, checkpoint=states) if isinstance(value, RMSprop) else value
-            for key, value in one.settings(quick=quick).items()
-        }
-        outcome = one.measure(**resumable)
+        folder.mkdir(parents=True, exist_ok=True)
+        outcome = one.measure(**one.settings(quick=quick))
         found = {
             **identity,
             "rows": finite(list(outcome.rows)),
@@ -153,11 +140,9 @@ def _run(name: str, one: Experiment, folder: Path, quick: bool) -> Results:
             "seconds": time.perf_counter() - begin,
         }
         for picture_name, figure in outcome.pictures.items():
-            for suffix in _SUFFIXES:
-                with atomic_path(folder / f"{picture_name}{suffix}") as temporary:
-                    figure.savefig(temporary, dpi=_RESOLUTION, bbox_inches="tight")
+            with atomic_path(folder / f"{picture_name}.png") as temporary:
+                figure.savefig(temporary, dpi=_RESOLUTION, bbox_inches="tight")
         write_json(path, found)  # last, because it marks the results as complete
-    shutil.rmtree(states, ignore_errors=True)
     measured = {key: value for key, value in found.items() if key not in identity}
     return Results(name=name, experiment=one, **measured)
 
@@ -166,8 +151,7 @@ def _finished(path: Path) -> dict[str, Any]:
     """The results of an earlier run, empty if they are not complete."""
     try:
         found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-        files = [path.with_name(f"{name}{suffix}") for name in found["pictures"] for suffix in _SUFFIXES]
-        return found if all(map(Path.is_file, files)) else {}
+        return found if all(path.with_name(f"{name}.png").is_file() for name in found["pictures"]) else {}
     except (OSError, ValueError, KeyError, TypeError):
         return {}
 

@@ -13,7 +13,7 @@ from numpy.polynomial import polynomial
 from spinor_geom import gallery
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.errors import UnplacedZerosError, ZeroOnContourError
-from spinor_geom.experiments.experiment import Experiment, Outcome, with_checkpoint
+from spinor_geom.experiments.experiment import Experiment, Outcome
 from spinor_geom.experiments.figures import log_log, over_disk, surfaces
 from spinor_geom.experiments.paper_surfaces import boundary_distance, solved_by_network
 from spinor_geom.gallery import KnownCurve, KnownDisk
@@ -73,10 +73,7 @@ def _compare(curve: KnownCurve, rmsprop: RMSprop, options: LevenbergMarquardt, *
     """Trains both forms and solves; reproduced if the Weierstrass-Enneper form is much farther from the curve."""
     gamma = BoundaryCurve.from_formula(curve)
     forms = {SPINOR: rmsprop, ENNEPER: replace(rmsprop, representation="weierstrass-enneper")}
-    paper = {
-        method: train_by_rmsprop(curve, options=with_checkpoint(f"{name}-{form.representation}", form))
-        for method, form in forms.items()
-    }
+    paper = {method: train_by_rmsprop(curve, options=form) for method, form in forms.items()}
     begin = time.perf_counter()
     trained = {**paper, NETWORK: solved_by_network(curve, options)}
     between = time.perf_counter()

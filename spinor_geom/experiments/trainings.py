@@ -1,11 +1,9 @@
 """The paper's training: with and without its tangent term, its time, and on prescribed surfaces."""
 
 import math
-import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -13,7 +11,7 @@ from jaxtyping import Complex, Float
 from matplotlib.figure import Figure
 from scipy.optimize import least_squares
 
-from spinor_geom.experiments.experiment import Experiment, Outcome, with_checkpoint
+from spinor_geom.experiments.experiment import Experiment, Outcome
 from spinor_geom.experiments.figures import HolomorphicFunction, log_log, over_disk, phases, surfaces
 from spinor_geom.experiments.paper_surfaces import (
     boundary_distance,
@@ -27,7 +25,7 @@ from spinor_geom.mesh.boundary_loop import diagonals
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau import solve_plateau
 from spinor_geom.surface.spinor_surface import SpinorSurface
-from spinor_geom.training import LevenbergMarquardt, RMSprop, Trained, train_by_rmsprop
+from spinor_geom.training import LevenbergMarquardt, RMSprop, train_by_rmsprop
 
 PAPER, OURS, CAUCHY, DOUGLAS = "RMSprop", "Levenberg-Marquardt", "Cauchy network", "Douglas-Newton"
 CURVES: dict[str, Callable[[], KnownCurve]] = {"twisted circle": twisted_circle, "tennis seam": tennis_seam}
@@ -45,7 +43,8 @@ def tangents(*, weights: Sequence[float], epochs: Sequence[int], rmsprop: RMSpro
     rows: list[dict[str, Any]] = []
     drawn, lines = {}, {}
     for weight in weights:
-        states = _at_epochs(curve, replace(rmsprop, tangent_weight=weight), epochs)
+        options = replace(rmsprop, tangent_weight=weight)
+        states = [train_by_rmsprop(curve, options=replace(options, epochs=epoch)) for epoch in epochs]
         lines[f"λ = {weight:g}"] = (epochs, [trained.max_per_diagonal for trained in states])
         for epoch, trained in zip(epochs, states, strict=True):
             distances = {"distance/diagonal": trained.max_per_diagonal, "rms/diagonal": trained.rms_per_diagonal}
@@ -62,13 +61,6 @@ def tangents(*, weights: Sequence[float], epochs: Sequence[int], rmsprop: RMSpro
             "tangents-errors": log_log(lines, x="epoch", y=_DISTANCE, linear_x=True),
         },
     )
-
-
-def _at_epochs(curve: KnownCurve, options: RMSprop, epochs: Sequence[int]) -> list[Trained]:
-    """The states of one training after each number of epochs; 0 is its start."""
-    with tempfile.TemporaryDirectory() as folder:
-        kept = replace(options, checkpoint=Path(folder) / "training.pt")
-        return [train_by_rmsprop(curve, options=replace(kept, epochs=epoch)) for epoch in epochs]
 
 
 def timing(*, curves: Sequence[str], rmsprop: RMSprop, tolerances: Sequence[float], depth: int) -> Outcome:
@@ -109,7 +101,7 @@ def _time_and_distance(
         seconds = time.perf_counter() - begin
         return seconds, boundary_distance(surface, gamma) / diagonal
 
-    trained = train_by_rmsprop(curve, options=with_checkpoint(curve.name, rmsprop))
+    trained = train_by_rmsprop(curve, options=rmsprop)
     return {
         PAPER: [(step.seconds, (step.boundary_error or np.nan) / diagonal) for step in trained.history],
         OURS: [timed(model="mlp", optimizer=LevenbergMarquardt(depth=depth, tolerance=t)) for t in tolerances],
@@ -128,7 +120,7 @@ def prescribed(*, depth: int, network: LevenbergMarquardt, random: RMSprop, pert
     ):
         curve = boundary_of(truth, name)
         trained = {
-            PAPER: train_by_rmsprop(BoundaryCurve.from_formula(curve), options=with_checkpoint(name, paper)),
+            PAPER: train_by_rmsprop(BoundaryCurve.from_formula(curve), options=paper),
             OURS: solved_by_network(curve, network),
         }
         found = {method: t.surface for method, t in trained.items() if isinstance(t.surface, SpinorSurface)}

@@ -3,14 +3,10 @@
 import copy
 import itertools
 import math
-import os
-import pickle
 import time
-import zipfile
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
-from pathlib import Path
-from typing import Any, ClassVar, Literal, TypeAlias
+from dataclasses import dataclass
+from typing import ClassVar, Literal, TypeAlias
 
 import numpy as np
 from jaxtyping import Float
@@ -20,8 +16,7 @@ from spinor_geom.arrays import Place
 from spinor_geom.deadline import is_out_of_time
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.domain.quadrature import RuleName, rule
-from spinor_geom.errors import OptionError, StorageError, require_count, require_positive
-from spinor_geom.files import atomic_path
+from spinor_geom.errors import OptionError, require_count, require_positive
 from spinor_geom.holomorphic.mlp import ActivationName, ComplexMLP
 from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
 from spinor_geom.plateau.curve_tensors import CurveTensors
@@ -35,16 +30,11 @@ from spinor_geom.torch_extra import Tensor, torch
 from spinor_geom.training.boundary import FORMS, RayBoundary, as_boundary_curve, diagonal_of, move_to
 from spinor_geom.training.trained import Status, Trained, TrainingStep
 
-_FORMAT = "spinor_geom.training 2"  # of checkpoints
-_REMOVE = "remove it to train from the start"
 _GROWTH = 1e3  # training has diverged if the loss exceeds that of the first epoch by this factor
 _BOUNDARY_POINTS, _CURVE_POINTS = 512, 8192  # points of ∂Ω and of Γ for the boundary error
 _DIAGONAL = 2 * math.sqrt(2)  # of the unit circle; the solver's curves are scaled to it to suit the learning rate
-# points of Γ in a checkpoint, and the largest distance, in diagonals, between those of the same curve
-_COMPARED_POINTS, _SAME_CURVE = 32, 1e-9
 PointsAndVelocities: TypeAlias = tuple[Float[Tensor, "n 3"], Float[Tensor, "n 3"]]  # of a closed curve
 _SIZES, _PIECES = (1, 64, 64, 32, 1), 512  # layers of ρ; pieces of [0, 1] on which it is interpolated linearly
-_MAY_CHANGE = ("epochs", "checkpoint", "checkpoint_every")  # options that may change when training resumes
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,8 +55,6 @@ class RMSprop:
         quadrature: rule on the ray from 0 to a point.
         order: number of its intervals ("trapezoid", "simpson") or nodes ("gauss").
         seed: of all random numbers.
-        checkpoint: file for the state; if it exists training resumes from it, on a CPU bit for bit.
-        checkpoint_every: epochs between two writes of the file; the last epoch is written too.
     """
 
     representation: Literal["spinor", "weierstrass-enneper"] = "spinor"
@@ -82,14 +70,12 @@ class RMSprop:
     quadrature: RuleName = "trapezoid"
     order: int = 100
     seed: int = 0
-    checkpoint: str | os.PathLike[str] | None = None
-    checkpoint_every: int = 10
     takes_start: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         """Raises OptionError for values out of range."""
         rule(self.quadrature, self.order)
-        require_count(depth=self.depth, width=self.width, batch=self.batch, checkpoint_every=self.checkpoint_every)
+        require_count(depth=self.depth, width=self.width, batch=self.batch)
         require_count(0, epochs=self.epochs)
         require_count(self.batch, points=self.points)
         require_positive("learning_rate", self.learning_rate)
@@ -127,20 +113,15 @@ def train_by_rmsprop(
 
     Raises:
         CurveError: the formulas are not those of a smooth closed curve.
-        StorageError: the checkpoint cannot be read, or has other options or another curve.
 
     Source: Sun & Chern (2026), Algorithm 1.
     """
-    training = _Training(as_boundary_curve(curve), options or RMSprop(), torch.device(device))
-    if training.path is not None and training.path.exists():
-        training.restore(training.path)
-    return training.run(on_epoch)
+    return _Training(as_boundary_curve(curve), options or RMSprop(), torch.device(device)).run(on_epoch)
 
 
 class _Training:
     def __init__(self, curve: BoundaryCurve, options: RMSprop, device: torch.device) -> None:
         self.options, self.device = options, device
-        self.path = None if options.checkpoint is None else Path(options.checkpoint)
         self.random = torch.Generator().manual_seed(options.seed)
         network = ComplexMLP(
             depth=options.depth,
@@ -166,8 +147,8 @@ class _Training:
     def run(self, on_epoch: Callable[[TrainingStep], None] | None) -> Trained:
         """Trains until the last epoch, the time limit or divergence."""
         options = self.options
-        seconds = self.history[-1].seconds if self.history else 0.0
-        for index in range(len(self.history) + 1, options.epochs + 1):
+        seconds = 0.0
+        for index in range(1, options.epochs + 1):
             if is_out_of_time():
                 return self._result("stopped", "the time limit was reached", seconds)
             begin = time.perf_counter()
@@ -181,8 +162,6 @@ class _Training:
             error = self._misfit().max
             step = TrainingStep(index=index, method="RMSprop", loss=loss, boundary_error=error, seconds=seconds)
             self.history.append(step)
-            if self.path is not None and (index % options.checkpoint_every == 0 or index == options.epochs):
-                self.save(self.path)
             if on_epoch is not None:
                 on_epoch(step)
         return self._result("finished", "all epochs were done", seconds)
@@ -231,43 +210,6 @@ class _Training:
         largest = {name: max(getattr(one, name) for one in both) for name in ("rms", "max", "max_per_local_edge")}
         return Misfit(**largest, length=length)
 
-    def save(self, path: Path) -> None:
-        """Writes the state to a checkpoint."""
-        state = {
-            "format": _FORMAT,
-            "options": self._fixed_options(),
-            "curve": self._curve_samples(),
-            "modules": self.modules.state_dict(),
-            "optimizers": {name: optimizer.state_dict() for name, optimizer in self.optimizers.items()},
-            "random": self.random.get_state(),
-            "history": [asdict(step) for step in self.history],
-        }
-        with atomic_path(path) as temporary:
-            torch.save(state, temporary)
-
-    def restore(self, path: Path) -> None:
-        """Reads the state from a checkpoint. Raises StorageError if it has other options or another curve."""
-        state = _read_state(path)
-        own = self._fixed_options()
-        different = sorted(name for name in own if own[name] != state["options"].get(name))
-        other = f"other options ({', '.join(different)})" if different else ""
-        if not different and float((state["curve"] - self._curve_samples()).abs().max()) > _SAME_CURVE * self.diagonal:
-            other = "another curve"
-        if other:
-            raise StorageError(f"{path} is a checkpoint with {other}; {_REMOVE}", path=str(path))
-        self.modules.load_state_dict(state["modules"])
-        for name, optimizer in self.optimizers.items():
-            optimizer.load_state_dict(state["optimizers"][name])
-        self.random.set_state(state["random"])
-        self.history = [TrainingStep(**step) for step in state["history"]]
-
-    def _fixed_options(self) -> dict[str, Any]:
-        """Options that must not change when training resumes."""
-        return {name: value for name, value in asdict(self.options).items() if name not in _MAY_CHANGE}
-
-    def _curve_samples(self) -> Float[Tensor, "k 3"]:
-        return torch.tensor(self.gamma[:: _CURVE_POINTS // _COMPARED_POINTS])
-
     def _result(self, status: Status, reason: str, seconds: float) -> Trained:
         boundary, domain = self.boundary, PlaneDomain.disk()
         surface: SpinorSurface | WeierstrassSurface
@@ -302,17 +244,6 @@ def boundary_loss(
     (x, v), (y, w) = boundary, target
     distance = (x - y).square().sum(-1).mean()
     return distance + tangent_weight * (1 - torch.nn.functional.cosine_similarity(v, w, dim=-1)).mean()
-
-
-def _read_state(path: Path) -> dict[str, Any]:
-    try:
-        # torch writes zip files; without weights_only loading could run code
-        state = torch.load(path, map_location="cpu", weights_only=True) if zipfile.is_zipfile(path) else None
-    except (OSError, RuntimeError, pickle.UnpicklingError) as error:
-        raise StorageError(f"{path} cannot be read as a checkpoint: {error}", path=str(path)) from error
-    if not isinstance(state, dict) or state.get("format") != _FORMAT:
-        raise StorageError(f"{path} is not a checkpoint of this version; {_REMOVE}", path=str(path))
-    return state
 
 
 def _arcs(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
