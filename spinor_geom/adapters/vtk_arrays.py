@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Int, Shaped
 
 from spinor_geom.adapters.contents import malformed, real_numbers
+from spinor_geom.adapters.polygon_faces import Polygons
 from spinor_geom.adapters.pyvista_mesh import set_array
 from spinor_geom.files import is_bomb
 
@@ -26,51 +27,29 @@ ROLES: dict[str, Callable[[int], bool]] = {
 KINDS = ("Verts", "Lines", "Polys", "Strips")  # of the cells of polygonal data, in the order of the cell data
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Cells:
-    """Cells of any number of points: cell i has the points corners[starts[i]:starts[i + 1]]."""
+def checked_cells(starts: np.ndarray, corners: np.ndarray, *, points: int, place: str) -> Polygons:
+    """Cells of any number of points. Raises a MeshFileError if the starts do not fit, or a corner is not a point."""
+    if starts[0] or starts[-1] != len(corners) or (np.diff(starts) < 0).any():
+        raise malformed(place, "the offsets of the cells do not fit their connectivity", "make the cells anew")
+    for corner in np.flatnonzero((corners < 0) | (corners >= points))[:1].tolist():
+        cell = int(np.searchsorted(starts, corner, side="right")) - 1
+        raise malformed(place, f"cell {cell} has point {corners[corner]} of {points}", "correct the index")
+    return Polygons(starts=starts.astype(np.int64), corners=corners.astype(np.int64))
 
-    starts: Int[np.ndarray, " c"]  # int64
-    corners: Int[np.ndarray, " n"]  # int64
 
-    def __len__(self) -> int:
-        return len(self.starts) - 1
-
-    @classmethod
-    def checked(cls, starts: np.ndarray, corners: np.ndarray, *, points: int, place: str) -> Cells:
-        """Raises a MeshFileError if the starts do not fit the corners, or a corner is not below `points`."""
-        if starts[0] or starts[-1] != len(corners) or (np.diff(starts) < 0).any():
-            raise malformed(place, "the offsets of the cells do not fit their connectivity", "make the cells anew")
-        for corner in np.flatnonzero((corners < 0) | (corners >= points))[:1].tolist():
-            cell = int(np.searchsorted(starts, corner, side="right")) - 1
-            raise malformed(place, f"cell {cell} has point {corners[corner]} of {points}", "correct the index")
-        return cls(starts=starts.astype(np.int64), corners=corners.astype(np.int64))
-
-    @classmethod
-    def of_counted(cls, numbers: np.ndarray, count: int, *, points: int, place: str) -> Cells:
-        """Cells that are stored one after the other, each as the number of its points and their indices."""
-        values = numbers.tolist()
-        starts, at = [0], 0
-        while len(starts) <= count and at < len(values) and values[at] >= 0:
-            at += 1 + values[at]
-            starts.append(at)
-        if len(starts) <= count or at != len(values):
-            problem = f"its {len(values)} numbers are not {count} cells, each a count and as many point indices"
-            raise malformed(place, problem)
-        is_corner = np.ones(len(values), dtype=bool)
-        is_corner[starts[:-1]] = False
-        offsets = np.array(starts) - np.arange(count + 1)
-        return cls.checked(offsets, numbers[is_corner], points=points, place=place)
-
-    @classmethod
-    def joined(cls, parts: list[Cells]) -> Cells:
-        """The cells of several parts, whose points are numbered throughout."""
-        first = np.cumsum([0, *(len(part.corners) for part in parts)])
-        starts = [part.starts[:-1] + start for part, start in zip(parts, first, strict=False)]
-        return cls(
-            starts=np.concatenate([*starts, first[-1:]]),
-            corners=np.concatenate([np.zeros(0, dtype=np.int64), *(part.corners for part in parts)]),
-        )
+def counted_cells(numbers: np.ndarray, count: int, *, points: int, place: str) -> Polygons:
+    """Cells that are stored one after the other, each as the number of its points and their indices."""
+    values = numbers.tolist()
+    starts, at = [0], 0
+    while len(starts) <= count and at < len(values) and values[at] >= 0:
+        at += 1 + values[at]
+        starts.append(at)
+    if len(starts) <= count or at != len(values):
+        problem = f"its {len(values)} numbers are not {count} cells, each a count and as many point indices"
+        raise malformed(place, problem)
+    is_corner = np.ones(len(values), dtype=bool)
+    is_corner[starts[:-1]] = False
+    return checked_cells(np.array(starts) - np.arange(count + 1), numbers[is_corner], points=points, place=place)
 
 
 def numbers_of(words: list[bytes], dtype: np.dtype[Any], place: str) -> Shaped[np.ndarray, " n"]:
@@ -116,7 +95,7 @@ class VtkMesh:
     """The contents of a file."""
 
     points: Shaped[np.ndarray, "n 3"]
-    cells: dict[str, Cells]  # for each of `KINDS` in it, or "Cells" of an unstructured grid
+    cells: dict[str, Polygons]  # for each of `KINDS` in it, or "Cells" of an unstructured grid
     types: Int[np.ndarray, " c"] | None  # VTK's number for each cell of an unstructured grid
     point_data: Data
     cell_data: Data
@@ -143,7 +122,7 @@ class VtkMesh:
             cells = self.cells["Cells"]
             if len(self.types) != len(cells):
                 raise malformed("CELL_TYPES", f"has {len(self.types)} types for {len(cells)} cells")
-            counted = np.insert(cells.corners, cells.starts[:-1], np.diff(cells.starts))
+            counted = np.insert(cells.corners, cells.starts[:-1], cells.sizes)
             mesh = pyvista.UnstructuredGrid(counted, self.types.astype(np.uint8), points)
         self.point_data.give(mesh.point_data)
         self.cell_data.give(mesh.cell_data)

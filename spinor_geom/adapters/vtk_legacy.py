@@ -16,7 +16,8 @@ import numpy as np
 from jaxtyping import Shaped
 
 from spinor_geom.adapters.contents import malformed
-from spinor_geom.adapters.vtk_arrays import Cells, Data, VtkMesh, numbers_of, texts_of
+from spinor_geom.adapters.polygon_faces import Polygons
+from spinor_geom.adapters.vtk_arrays import Data, VtkMesh, checked_cells, counted_cells, numbers_of, texts_of
 from spinor_geom.errors import MeshFileError
 
 TYPES = {
@@ -60,7 +61,7 @@ def read_legacy(data: bytes) -> VtkMesh:
         problem = f"holds '{kind}', not POLYDATA or UNSTRUCTURED_GRID"
         raise malformed("line 4", problem, "extract the surface and write it as polygonal data")
     points, types = np.zeros((0, 3)), np.zeros(0, dtype=np.int64)
-    cells: dict[str, Cells] = {}
+    cells: dict[str, Polygons] = {}
     data_of = {"": Data(), "POINT_DATA": Data(), "CELL_DATA": Data()}
     target, rows = data_of[""], 0
     while section := text.word():
@@ -173,19 +174,19 @@ class _Text:
             while self.line():
                 pass
 
-    def cells(self, points: int, *, offsets: bool) -> Cells:
+    def cells(self, points: int, *, offsets: bool) -> Polygons:
         """The cells of a section."""
         count, size = self.count(), self.count()
         if not offsets:
             numbers = self.values(size, 1, "int")
-            return Cells.of_counted(numbers, count, points=points, place=self.section)
+            return counted_cells(numbers, count, points=points, place=self.section)
         parts = [np.zeros(1, dtype=np.int64), np.zeros(0, dtype=np.int64)]
         for part, (name, length) in enumerate((("OFFSETS", count), ("CONNECTIVITY", size))):
             if length and not self.next_is(name):
                 raise malformed(self.section, f"its {name} are missing")
             if length:
                 parts[part] = self.values(length, 1, self.word())
-        return Cells.checked(*parts, points=points, place=self.section)
+        return checked_cells(*parts, points=points, place=self.section)
 
     def values(self, rows: int, width: int, kind: str) -> Shaped[np.ndarray, "{rows} *k"]:
         """The next rows of numbers, or of text: (rows,), or (rows, width) for several columns."""

@@ -19,7 +19,8 @@ import numpy as np
 from jaxtyping import Shaped
 
 from spinor_geom.adapters.contents import malformed
-from spinor_geom.adapters.vtk_arrays import KINDS, ROLES, Arrays, Cells, Data, VtkMesh, numbers_of, texts_of
+from spinor_geom.adapters.polygon_faces import Polygons
+from spinor_geom.adapters.vtk_arrays import KINDS, ROLES, Arrays, Data, VtkMesh, checked_cells, numbers_of, texts_of
 from spinor_geom.files import MOST_RATIO, is_bomb
 
 TYPES = {f"{kind}{8 * size}": f"{kind[0].lower()}{size}" for kind in ("Int", "UInt") for size in (1, 2, 4, 8)}
@@ -61,14 +62,14 @@ def _tree(text: bytes) -> ElementTree.Element:
         raise malformed("", f"its XML cannot be read ({error})") from error
 
 
-def _piece(piece: ElementTree.Element, arrays: _Arrays) -> tuple[np.ndarray, dict[str, Cells], Arrays, list[Arrays]]:
+def _piece(piece: ElementTree.Element, arrays: _Arrays) -> tuple[np.ndarray, dict[str, Polygons], Arrays, list[Arrays]]:
     """The points, the cells by kind, the point data, and the cell data of each kind."""
     count = arrays.count(piece, "NumberOfPoints", "0")
     element = piece.find("Points/DataArray")
     points = np.zeros((0, 3)) if element is None else arrays.values(element)
     if points.shape != (count, 3):
         raise malformed("Points", f"has an array of shape {points.shape} for {count} points of three coordinates")
-    cells: dict[str, Cells] = {}
+    cells: dict[str, Polygons] = {}
     for kind in KINDS:
         stored = {"connectivity": np.zeros(0, dtype=np.int64), "offsets": np.zeros(0, dtype=np.int64)}
         for element in piece.iterfind(f"{kind}/DataArray"):
@@ -79,7 +80,7 @@ def _piece(piece: ElementTree.Element, arrays: _Arrays) -> tuple[np.ndarray, dic
         if len(ends) != arrays.count(piece, f"NumberOf{kind}", "0"):
             raise malformed(kind, f"has {len(ends)} offsets for {piece.get(f'NumberOf{kind}', 0)} cells")
         starts = np.concatenate([[0], ends.astype(np.int64)])
-        cells[kind] = Cells.checked(starts, corners.astype(np.int64), points=count, place=kind)
+        cells[kind] = checked_cells(starts, corners.astype(np.int64), points=count, place=kind)
     data: list[Arrays] = []
     for name, rows in (("PointData", count), ("CellData", sum(map(len, cells.values())))):
         found = [arrays.named(element) for element in piece.iterfind(name)]
@@ -95,13 +96,11 @@ def _piece(piece: ElementTree.Element, arrays: _Arrays) -> tuple[np.ndarray, dic
 def _joined(pieces: list[Any], fields: Arrays, roles: list[dict[str, str]]) -> VtkMesh:
     points, cells, point_data, cell_data = zip(*pieces, strict=True)
     first = np.cumsum([0, *map(len, points)])
-    joined: dict[str, Cells] = {}
+    joined: dict[str, Polygons] = {}
     for kind in KINDS:
         parts = [own[kind] for own in cells]
-        moved = [
-            Cells(starts=part.starts, corners=part.corners + start) for part, start in zip(parts, first, strict=False)
-        ]
-        joined[kind] = Cells.joined(moved)
+        corners = [part.corners + start for part, start in zip(parts, first, strict=False)]
+        joined[kind] = Polygons.of_sizes(np.concatenate(corners), np.concatenate([part.sizes for part in parts]))
     in_order = [own[number] for number in range(len(KINDS)) for own in cell_data]  # kind by kind
     return VtkMesh(
         points=np.concatenate(points),

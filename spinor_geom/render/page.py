@@ -109,9 +109,9 @@ class Table:
         return f"{heading}{note}{table(self.columns, self.plain_rows, marked=self.marked)}"
 
 
-def folded(title: str, *parts: str, is_open: bool = False) -> str:
+def folded(title: str, *parts: str) -> str:
     """Pieces of HTML below a title that opens and closes them."""
-    return f"<details{' open' * is_open}><summary>{html.escape(title)}</summary>{''.join(parts)}</details>"
+    return f"<details><summary>{html.escape(title)}</summary>{''.join(parts)}</details>"
 
 
 def cell(value: Any, digits: int = 4) -> str:
