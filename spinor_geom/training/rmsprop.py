@@ -10,9 +10,8 @@ from typing import ClassVar, Literal, TypeAlias
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial import cKDTree
 
-from spinor_geom.arrays import Place
+from spinor_geom.arrays import NUMPY, Place
 from spinor_geom.deadline import is_out_of_time
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.domain.quadrature import RuleName, rule
@@ -31,7 +30,7 @@ from spinor_geom.training.boundary import FORMS, RayBoundary, as_boundary_curve,
 from spinor_geom.training.trained import Status, Trained, TrainingStep
 
 _GROWTH = 1e3  # training has diverged if the loss exceeds that of the first epoch by this factor
-_BOUNDARY_POINTS, _CURVE_POINTS = 512, 8192  # points of ∂Ω and of Γ for the boundary error
+_BOUNDARY_POINTS, _CURVE_POINTS = 512, 8192  # points of ∂Ω for the boundary error, and of Γ for its centre
 _DIAGONAL = 2 * math.sqrt(2)  # of the unit circle; the solver's curves are scaled to it to suit the learning rate
 PointsAndVelocities: TypeAlias = tuple[Float[Tensor, "n 3"], Float[Tensor, "n 3"]]  # of a closed curve
 _SIZES, _PIECES = (1, 64, 64, 32, 1), 512  # layers of ρ; pieces of [0, 1] on which it is interpolated linearly
@@ -131,9 +130,10 @@ class _Training:
             generator=self.random,
         )
         self.homeomorphism = CircleHomeomorphism(generator=self.random).to(device)
-        self.gamma = curve.point(np.arange(_CURVE_POINTS) / _CURVE_POINTS)
+        self.gamma, self.measured = curve, CurveTensors.of(curve, NUMPY)
+        centre = curve.point(np.arange(_CURVE_POINTS) / _CURVE_POINTS).mean(axis=0)
         ray = rule(options.quadrature, options.order)
-        self.boundary = RayBoundary(network, self.gamma.mean(axis=0), options.representation, ray).to(device)
+        self.boundary = RayBoundary(network, centre, options.representation, ray).to(device)
         self.diagonal = diagonal_of(curve)
         self.curve = CurveTensors.of(curve, Place(device))
         self.modules = torch.nn.ModuleDict({"surface": self.boundary, "homeomorphism": self.homeomorphism})
@@ -198,17 +198,8 @@ class _Training:
             r = self.boundary.point_and_velocity(self.even)[0].cpu().numpy()
         if not np.isfinite(r).all():
             return Misfit(rms=math.inf, max=math.inf, max_per_local_edge=math.inf, length=math.nan)
-        dense = np.arange(_CURVE_POINTS) / _CURVE_POINTS
-        polygon = np.column_stack([np.interp(dense, self.even.cpu().numpy(), x, period=1.0) for x in r.T])
-        to_curve, nearest = cKDTree(self.gamma).query(r)
-        to_boundary, arcs = cKDTree(polygon).query(self.gamma)[0], _arcs(self.gamma)
-        length = float(arcs.sum())
-        both = []
-        for direction in ((to_curve, dense[nearest], _arcs(r)), (to_boundary, dense, arcs)):
-            distance, slide, weights = (torch.as_tensor(part).to(self.device) for part in direction)
-            both.append(Misfit.from_distances(distance, slide, weights, self.curve, length=length))
-        largest = {name: max(getattr(one, name) for one in both) for name in ("rms", "max", "max_per_local_edge")}
-        return Misfit(**largest, length=length)
+        slide = np.unwrap(self.gamma.nearest(r), period=1.0)
+        return Misfit.of(r, slide, self.measured)
 
     def _result(self, status: Status, reason: str, seconds: float) -> Trained:
         boundary, domain = self.boundary, PlaneDomain.disk()
@@ -244,12 +235,6 @@ def boundary_loss(
     (x, v), (y, w) = boundary, target
     distance = (x - y).square().sum(-1).mean()
     return distance + tangent_weight * (1 - torch.nn.functional.cosine_similarity(v, w, dim=-1)).mean()
-
-
-def _arcs(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
-    """Half the length of the two edges at each point of a closed polygon."""
-    chords = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
-    return np.asarray((chords + np.roll(chords, 1)) / 2)
 
 
 class CircleHomeomorphism(torch.nn.Module):
