@@ -112,7 +112,7 @@ def solve_plateau(
             "auto", with a choice of the modulus. "mlp": the paper's complex-valued network, trained.
         optimizer: for "mlp": "levenberg-marquardt" (default), or "rmsprop" for the paper's Algorithm 1 with its
             settings; `LevenbergMarquardt(...)` or `RMSprop(...)` of `spinor_geom.training` for other settings. RMSprop
-            starts from random parameters on the unit disk, or resumes from the checkpoint in its options.
+            starts from random parameters on the unit disk.
         warm_start: whether Levenberg-Marquardt first fits the network to p and q of the solution of "auto", on its Ω;
             otherwise it starts from random parameters on the unit disk.
         tolerance: largest RMS distance of the surface's boundary from Γ, in mean loop edges, for convergence. The

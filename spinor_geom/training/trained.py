@@ -24,7 +24,7 @@ class TrainingStep:
         method: "RMSprop"; "distillation" of given p and q; "polishing" of the distance from Γ.
         loss: the mean loss of the epoch; or the RMS error of p and q, or the RMS distance from Γ, after the step.
         boundary_error: largest distance of the boundary from Γ, in units of space, or None if it was not measured.
-        seconds: of training since the start, without the time for `boundary_error` and checkpoints.
+        seconds: of training since the start, without the time for `boundary_error`.
     """
 
     index: int
