@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.metadata
 import os
 import shutil
 import subprocess
@@ -9,12 +10,14 @@ import sys
 import sysconfig
 import zipfile
 from collections.abc import Sequence
+from email.message import Message
 from email.parser import Parser
 from importlib.machinery import EXTENSION_SUFFIXES
 from pathlib import Path
 
 import pytest
 from packaging.requirements import Requirement
+from packaging.specifiers import SpecifierSet
 
 ROOT = Path(__file__).parents[1]
 pytestmark = pytest.mark.slow  # CI builds and installs the wheel as well
@@ -120,7 +123,7 @@ def test_the_wheel_holds_every_module_and_nothing_else(wheel: Path) -> None:
 
 def test_the_wheel_has_its_licence_and_its_command(unpacked: Path) -> None:
     (info,) = unpacked.glob("*.dist-info")
-    metadata = Parser().parsestr((info / "METADATA").read_text(encoding="utf-8"))
+    metadata = metadata_of(unpacked)
     assert metadata["Name"] == "spinor-geom"
     assert metadata["License-Expression"] == "MIT"
     assert "MIT License" in (info / "licenses" / "LICENSE").read_text(encoding="utf-8")
@@ -131,14 +134,35 @@ def test_the_wheel_has_its_licence_and_its_command(unpacked: Path) -> None:
 
 
 def requirements(unpacked: Path) -> list[Requirement]:
+    return [Requirement(line) for line in metadata_of(unpacked).get_all("Requires-Dist") or ()]
+
+
+def metadata_of(unpacked: Path) -> Message:
     (info,) = unpacked.glob("*.dist-info")
-    metadata = Parser().parsestr((info / "METADATA").read_text(encoding="utf-8"))
-    return [Requirement(line) for line in metadata.get_all("Requires-Dist") or ()]
+    return Parser().parsestr((info / "METADATA").read_text(encoding="utf-8"))
+
+
+def test_the_default_install_excludes_no_version_of_python(unpacked: Path) -> None:
+    versions = {f"3.{minor}" for minor in range(10, 16)}
+    assert set(SpecifierSet(metadata_of(unpacked)["Requires-Python"]).filter(versions)) == versions
+    least = [one for one in requirements(unpacked) if "extra" not in str(one.marker)]
+    # no marker leaves one out, no upper bound keeps it from a release with wheels for a later Python
+    assert not [one for one in least if one.marker or any(bound.operator != ">=" for bound in one.specifier)]
+    names, seen = [one.name for one in least], set[str]()
+    while names:
+        name = names.pop()
+        if name not in seen:
+            seen.add(name)
+            needed = importlib.metadata.metadata(name)["Requires-Python"] or ""
+            assert SpecifierSet(needed).contains("3.15"), f"{name} requires Python {needed}"
+            further = map(Requirement, importlib.metadata.requires(name) or ())
+            names += [one.name for one in further if one.marker is None or one.marker.evaluate({"extra": ""})]
+    assert {"numpy", "scipy", "libigl", "trimesh", "mdurl"} <= seen  # the last one through two others
+    assert not seen & {"torch", "pymeshlab", "pyvista"}
 
 
 def test_all_has_the_packages_of_every_feature(unpacked: Path) -> None:
-    (info,) = unpacked.glob("*.dist-info")
-    metadata = Parser().parsestr((info / "METADATA").read_text(encoding="utf-8"))
+    metadata = metadata_of(unpacked)
     (included,) = (one.extras for one in requirements(unpacked) if 'extra == "all"' in str(one.marker))
     assert included == set(metadata.get_all("Provides-Extra")) - {"all", "peers", "docs", "dev"}
 
