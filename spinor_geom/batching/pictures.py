@@ -28,7 +28,7 @@ class MeshPictures:
     def add(self, result: FillResult, source: Source, record: dict[str, Any], files: dict[str, Writer]) -> None:
         """Adds the page and the picture to a record and its files, or the reason why there is no picture."""
         # these imports take longer than a small file
-        from spinor_geom.render.fill_scene import fill_scene
+        from spinor_geom.render.fill_scene import whole_scene
         from spinor_geom.render.png import Painter
         from spinor_geom.render.report import small_report
 
@@ -37,7 +37,7 @@ class MeshPictures:
         text = small_report(result, name=Path(name).name, up=up, program="../" * len(parts) + PROGRAM)
         record["page"], files[PAGE] = PAGE, partial(write_text, text=text)
         self._painter = self._painter or Painter()
-        scene = fill_scene(result, up=up)[1]
+        scene = whole_scene(result, up, aspect=SIZE[0] / SIZE[1])
         try:
             picture = self._painter.drawn_png([scene], size=SIZE, time_limit=TIME_LIMIT)
         except SpinorGeomError as error:

@@ -43,14 +43,19 @@ class Camera:
 
     @classmethod
     def facing(
-        cls, points: Float[np.ndarray, "n 3"], normal: Float[np.ndarray, "3"], up: Literal["y", "z"] = "y"
+        cls,
+        points: Float[np.ndarray, "n 3"],
+        normal: Float[np.ndarray, "3"],
+        up: Literal["y", "z"] = "y",
+        *,
+        aspect: float = 1,
     ) -> Camera:
-        """The camera that shows all points and looks against a unit normal; `up` is the axis that is upwards."""
+        """As `around`, against a unit normal; `up` is the axis that is upwards."""
         place = "xyz".index(up)
         axis = np.eye(3)[place]
         if abs(normal[place]) > _ALONG:
             axis = np.array([0.0, 0.0, -np.sign(normal[1])] if up == "y" else [0.0, 1.0, 0.0])
-        return cls.around(points, normal, upright(normal, axis))
+        return cls.around(points, normal, upright(normal, axis), aspect=aspect)
 
 
 def upright(direction: Float[np.ndarray, "3"], axis: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
@@ -29,20 +30,59 @@ _MARGIN = 2.2  # radius shown around a small hole, in radii of the hole
 _CLOSE_UP = 0.5  # the close-up is used if its radius is below this share of the mesh's radius
 
 
-def fill_scene(result: FillResult, *, up: Literal["y", "z"] | None = None) -> tuple[Scene, Scene]:
-    """The open and the filled mesh, both with the camera of `hole_camera`; `up` is by default that of the file."""
-    original, extension, camera = result.original, result.extension, fill_camera(result, up)
+def fill_scene(result: FillResult) -> tuple[Scene, Scene]:
+    """The open and the filled mesh, both with the camera of `fill_camera`."""
+    original, camera = result.original, fill_camera(result)
     mesh = mesh_layers(original, [outcome.loop for outcome in result.loops], skin=skin_of(result.mesh, original))
-    vertices = np.concatenate([original.vertices, extension.vertices])
-    patch = Faces(vertices=vertices, faces=extension.faces, edges=True, **PATCH)
-    return Scene(layers=mesh, camera=camera, title="open"), Scene(layers=[*mesh, patch], camera=camera, title="filled")
+    patches = replace(_patches(result), edges=True)
+    return Scene(layers=mesh, camera=camera, title="open"), Scene(
+        layers=[*mesh, patches], camera=camera, title="filled"
+    )
 
 
-def fill_camera(result: FillResult, up: Literal["y", "z"] | None = None) -> Camera:
+def whole_scene(result: FillResult, up: Literal["y", "z"], *, aspect: float) -> Scene:
+    """The whole filled mesh and the rims left open, from where most area of the patches is seen if nothing hides it.
+
+    `up` is the axis that is upwards, `aspect` the picture's width per height.
+    """
+    patches = _patches(result)
+    one, two, three = np.moveaxis(patches.vertices[patches.faces], 1, 0)
+    direction = most_seen(np.cross(two - one, three - one))
+    towards = UPWARDS if direction is None else direction
+    left_open = [outcome.loop for outcome in result.loops if not outcome.filled]
+    mesh = mesh_layers(result.original, left_open, skin=skin_of(result.mesh, result.original))
+    return Scene(layers=[*mesh, patches], camera=Camera.facing(_shown_points(result), towards, up, aspect=aspect))
+
+
+def _patches(result: FillResult) -> Faces:
+    vertices = np.concatenate([result.original.vertices, result.extension.vertices])
+    return Faces(vertices=vertices, faces=result.extension.faces, **PATCH)
+
+
+def fill_camera(result: FillResult) -> Camera:
     """The camera of `hole_camera` for the loop of `shown_loop`."""
+    return hole_camera(_shown_points(result), shown_loop(result.loops), up_of(result))
+
+
+def most_seen(areas: Float[np.ndarray, "f 3"]) -> Float[np.ndarray, "3"] | None:
+    """The direction in which the projection of the faces that are turned towards it has most area; None without area.
+
+    `areas` are the normals of the faces, as long as the faces' areas. From both sides of each axis, the direction
+    becomes that of the sum of the normals that are turned towards it, until these stay the same. Each step increases
+    the projection, which is a convex function of the direction.
+    """
+    totals = np.concatenate([np.eye(3), -np.eye(3)])
+    is_seen = np.zeros((len(areas), len(totals)), dtype=bool)
+    while ((now := areas @ totals.T > 0) != is_seen).any():
+        is_seen, totals = now, now.T.astype(np.float64) @ areas
+    sizes = np.linalg.norm(totals, axis=1)
+    best = int(np.argmax(sizes))
+    return totals[best] / sizes[best] if is_seen.any() else None
+
+
+def _shown_points(result: FillResult) -> Float[np.ndarray, "v 3"]:
     # a smooth patch may reach far beyond the mesh
-    points = np.concatenate([used_vertices(result.original), result.extension.vertices])
-    return hole_camera(points, shown_loop(result.loops), up or up_of(result))
+    return np.concatenate([used_vertices(result.original), result.extension.vertices])
 
 
 def patch_labels(result: FillResult) -> list[Label]:

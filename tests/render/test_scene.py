@@ -13,7 +13,7 @@ from spinor_geom.fill.fill_result import FillResult
 from spinor_geom.fill.loop_choice import boundary_loops
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.render.camera import Camera
-from spinor_geom.render.fill_scene import fill_scene, loops_scene
+from spinor_geom.render.fill_scene import fill_scene, loops_scene, most_seen, whole_scene
 from spinor_geom.render.scene import Scene
 from tests.fill.shapes import tube
 from tests.fill.test_bridge import ring
@@ -99,6 +99,37 @@ def icosphere_without_two_faces() -> TriangleMesh:
     normals = ball.face_normals
     opposite = int(np.argmin(normals @ normals[0]))
     return TriangleMesh(ball.vertices, np.delete(ball.faces, [0, opposite], axis=0))
+
+
+def test_a_whole_mesh_is_seen_from_the_side_of_its_patches() -> None:
+    sphere = trimesh.creation.icosphere(subdivisions=3)
+    middles = sphere.triangles_center
+    holes = [middles @ np.array(towards) > limit for towards, limit in (((0, 0, 1), 0.93), ((0, 0, -1), 0.9))]
+    small = [middles @ np.array(towards) / np.sqrt(1.25) > 0.95 for towards in ((1, 0.5, 0), (1, -0.5, 0))]
+    _, report = fill_hole(
+        (sphere.vertices, sphere.faces[~np.any(holes + small, axis=0)]), [0, 2, 3], return_report=True
+    )
+    scene = whole_scene(report, "z", aspect=2)
+    mesh, rims, patches = scene.layers
+    towards = [outcome.loop.plane.normal @ scene.camera.direction for outcome in report.loops]
+    assert (np.array(towards) > 0.5).tolist() == [True, False, True, True]  # those that are filled
+    assert len(rims.vertices) == len(report.loops[1].loop)
+    assert len(patches.faces) == len(report.extension.faces)
+    seen = (mesh.vertices - scene.camera.focus) @ scene.camera.frame.T
+    np.testing.assert_allclose(np.abs(seen[:, 1]).max(), scene.camera.radius, rtol=1e-9)
+    closed = fill_hole(fill_hole(tube()), return_report=True)[1]
+    assert whole_scene(closed, "y", aspect=1).camera.radius > 0
+
+
+@given(st.integers(0, 10_000))
+def test_no_direction_shows_more(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    areas = rng.normal(size=(int(rng.integers(1, 9)), 3))
+    found, others = most_seen(areas), rng.normal(size=(2000, 3))
+    others /= np.linalg.norm(others, axis=1)[:, None]
+    assert found is not None
+    shown = np.maximum(areas @ np.array([found, *others]).T, 0).sum(axis=0)
+    assert shown[0] >= 0.85 * shown.max()  # a local maximum
 
 
 @given(st.tuples(*[st.floats(-1, 1)] * 3).filter(lambda v: np.linalg.norm(v) > 1e-3))
