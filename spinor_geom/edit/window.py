@@ -93,7 +93,7 @@ class Window:
             col_weights=[PANEL, 1 - PANEL],
             window_size=list(SIZE),
             border=False,
-            lighting="light kit",
+            lighting="none",
             off_screen=off_screen,
             title=Path(command[2]).name,
         )
@@ -101,6 +101,8 @@ class Window:
         self.plotter.set_background("white", all_renderers=True)
         self.plotter.subplot(0, 1)
         self._renderer = self.plotter.renderer
+        # the five lights of a light kit take half of the time of a frame without a graphics card
+        self._renderer.add_light(pyvista.Light(light_type="headlight", intensity=0.8))
         self._add_mesh(filling.mesh, skin_of(mesh, filling.mesh))
         camera = Camera.facing(self._drawn(used), self._loops[0].plane.normal, up_axis(mesh.path))
         self._add_rims(camera.up)

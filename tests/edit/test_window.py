@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import shlex
+import shutil
 import signal
+import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 from time import sleep
@@ -17,6 +19,7 @@ from spinor_geom import fill_hole, read_mesh
 from spinor_geom.cli.main import main
 from spinor_geom.edit import window as window_module
 from spinor_geom.edit.window import COLOURS, POINTED, Window
+from spinor_geom.render.png import require_window
 from tests.edit.meshes import ball, prepared
 from tests.fill.shapes import obj_text
 
@@ -27,15 +30,15 @@ _CYCLES = 3000  # of 0.02 s, until the processes must have done their work
 class Person:
     """Points at loops, presses keys, and looks at the picture."""
 
-    def __init__(self, folder: Path, mesh: tuple[np.ndarray, np.ndarray]) -> None:
+    def __init__(self, folder: Path, mesh: tuple[np.ndarray, np.ndarray], *, off_screen: bool = True) -> None:
         self.path, self.filling = folder / "ball.obj", prepared(mesh)
         self.path.write_text(obj_text(*mesh))
         self.output, self.saved = folder / "out.ply", list[dict[str, Any]]()
         command = ["spinor-geom", "fill", str(self.path), "-o", str(self.output)]
         self.window = Window(
-            read_mesh(self.path), self.filling, self.output, command, self.saved.append, off_screen=True
+            read_mesh(self.path), self.filling, self.output, command, self.saved.append, off_screen=off_screen
         )
-        self.window.plotter.show(auto_close=False)
+        self.window.plotter.show(auto_close=False, interactive_update=True)
         self.events = self.window.plotter.iren
 
     def wait(self) -> None:
@@ -205,3 +208,41 @@ def test_a_process_that_dies_and_a_cancelled_one_leave_the_loop_open(person: Per
     processes = [filler._process._process for filler in window.work.fillers]
     window.open()
     assert all(process is None or process.poll() is not None for process in processes)
+
+
+@pytest.fixture
+def display(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """An X server of its own, on which VTK opens windows."""
+    if shutil.which("Xvfb") is None:
+        pytest.skip("Xvfb is not installed")
+    command = ["Xvfb", "-displayfd", "1", "-screen", "0", "1024x768x24", "-nolisten", "tcp"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as server:
+        assert server.stdout is not None
+        monkeypatch.setenv("DISPLAY", f":{server.stdout.readline().strip()}")
+        monkeypatch.setenv("VTK_DEFAULT_OPENGL_WINDOW", "vtkXOpenGLRenderWindow")
+        yield
+        server.terminate()
+
+
+def test_holes_are_clicked_on_a_display(display: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(window_module, "SIZE", (800, 500))
+    person = Person(tmp_path, ball(), off_screen=False)
+    try:
+        require_window(person.window.plotter)
+        rim = person.place(2, on_rim=True)
+        assert person.sees(*rim, COLOURS["open"])
+        person.events._mouse_move(*person.place(2))
+        assert person.sees(*rim, POINTED)
+        person.click(0)
+        person.click(1)
+        person.click(1)
+        person.wait()
+        seen = {name: [person.sees(*person.place(k), COLOURS[name]) for k in range(3)] for name in ("film", "smooth")}
+        assert seen == {"film": [True, False, False], "smooth": [False, True, False]}
+        person.press("s")
+        person.wait()
+        (event,) = person.saved
+        assert event["command"].endswith("--film 0 --smooth 1")
+    finally:
+        person.window.work.close()
+        person.window.plotter.close()
