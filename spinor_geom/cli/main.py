@@ -11,7 +11,7 @@ import sys
 import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, NoReturn, TypeAlias
 
 from spinor_geom.batching.settings import FORMAT, WHAT
 from spinor_geom.errors import HiddenTextureWarning, ImperfectFillWarning, SpinorGeomError, UncertainGradientWarning
@@ -85,6 +85,10 @@ def build_parser() -> argparse.ArgumentParser:
 
 class _Parser(argparse.ArgumentParser):
     """Suggests the nearest option or choice for a mistyped one. The value of `--merge` is optional."""
+
+    def error(self, message: str) -> NoReturn:
+        """Ends with one sentence; the usage of a command would hide it."""
+        self.exit(2, f"{self.prog}: error: {message}; {self.prog} --help lists the arguments\n")
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Parses the arguments; an unknown option is an error that suggests the nearest option of the command."""
