@@ -34,7 +34,7 @@ FUNCTIONS: dict[str, tuple[Any, ...]] = {
         *(_INTEGER, _INTEGER, _INDICES, _NUMBER, _INTEGER, _INTEGER, _NUMBER, _NUMBERS, _INDICES, _INDICES),
     ),
     "intrinsic_laplacian": (_INTEGER, _INTEGER, _NUMBERS, _INDICES, *_MATRIX),
-    "bending": (_INTEGER, _NUMBERS, _INTEGER, _INDICES, _NUMBER, *_MATRIX, _NUMBERS, _NUMBERS, _NUMBERS),
+    "bending": (_INTEGER, _NUMBERS, _INTEGER, _INDICES, _NUMBERS, _NUMBER, *_MATRIX, _NUMBERS, _NUMBERS, _NUMBERS),
     "bending_stiffness": (_INTEGER, _INTEGER, *_FORM, _INTEGER, *_MATRIX),
     "bending_residual": (_INTEGER, _INTEGER, *_FORM, _NUMBERS, _NUMBERS),
     "minimum_area_splits": (_INTEGER, _NUMBERS, _NUMBER, _NUMBER, _INDICES),

@@ -113,10 +113,11 @@ ENTRY_POINT int intrinsic_laplacian(
 }
 
 // The Laplacian of mollified lengths, the areas, at least `least_share` of the barycentric ones, the unit normals and the
-// mean curvatures of a mesh's vertices.
+// mean curvatures of a mesh's vertices. The squared length of a vector e in a face is e·e + e·Se, with the rows of S in
+// `stretch`, three for each face.
 ENTRY_POINT int bending(
-    int64_t count, const Point3* vertices, int64_t faces, const int64_t* corners, double least_share, int32_t* starts,
-    int32_t* rows, double* values, double* areas, Point3* normals, double* curvature) {
+    int64_t count, const Point3* vertices, int64_t faces, const int64_t* corners, const Point3* stretch, double least_share,
+    int32_t* starts, int32_t* rows, double* values, double* areas, Point3* normals, double* curvature) {
     return outcome_of([=] {
         std::vector<double> lengths(3 * faces), third(count, 0.0);
         std::fill(normals, normals + count, Point3{0, 0, 0});
@@ -129,7 +130,11 @@ ENTRY_POINT int bending(
                 third[v[k]] += size;
                 normals[v[k]] = normals[v[k]] + twice;
             }
-            lengths[3 * t] = length(c - b), lengths[3 * t + 1] = length(a - c), lengths[3 * t + 2] = length(b - a);
+            const Point3 *row = stretch + 3 * t, edges[] = {c - b, a - c, b - a};
+            for (int k = 0; k < 3; ++k) {
+                const Point3 e = edges[k];
+                lengths[3 * t + k] = std::sqrt(dot(e, e) + dot(e, {dot(row[0], e), dot(row[1], e), dot(row[2], e)}));
+            }
             largest = std::max({largest, lengths[3 * t], lengths[3 * t + 1], lengths[3 * t + 2]});
         }
         // fourth powers of the ratios of lengths, in the areas, must not underflow

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from spinor_geom.arrays import distinct
+from spinor_geom.arrays import TINY, distinct
 from spinor_geom.domain.delaunay import rim_successors, unique_edges
 from spinor_geom.fill.patched_mesh import PatchedMesh
 from spinor_geom.mesh.operators import Bending, crossing_angles
@@ -18,6 +18,10 @@ from spinor_geom.meshing.embed import Patch
 # twice the mean over the rim's vertices of the largest angle at an edge there. A prism, with equal angles, has none.
 CREASE, _SHARPER = np.radians(40), 2.0
 _LONG = 2.0  # longer edges of the first ring, in rim edges, are shortened: see `_shortened`
+# Largest trace of S in the metric 1 + S across ridges. On 120 disks cut out of four scans the distances are 0.89 times
+# those with 0 (geometric mean); 20 and 80 change that by 0.02 or less. Without the square of `variation` 20 gives 0.87,
+# but windows in tori are up to three times as far off as with 0.
+_STRETCH = 40.0
 _RINGS = 3  # rings of faces from which the correlation of H is estimated
 
 
@@ -48,6 +52,10 @@ class Collar:
     curvature: Float[np.ndarray, " r"]  # H at the vertices beyond the boundary; 0 where it is not defined
     length: float  # correlation length ℓ of H, in mesh units; 0 for noise, and where H is constant
     roughness: float  # variance of H between neighbours / total variance: 0 on a smooth mesh, 1 and more in noise
+    variation: float  # covariance of H between neighbours / mean of H²: 1 at most; 0 if `length` is 0
+    third_form: Float[
+        np.ndarray, "w 3 3"
+    ]  # of the vertices of the ring: dN·dN for the unit normals N of the mesh: squared curvatures
     creased: int  # number of boundary vertices at creases
     bend: Bend  # between neighbouring faces of the three rings
 
@@ -84,8 +92,11 @@ def collar_of(patched: PatchedMesh, rim: Int[np.ndarray, " m"], patch: Patch) ->
     creased[half_edges.origin[angles > max(CREASE, _SHARPER * largest.mean())]] = True
     bends &= ~creased
     bending = Bending.of(vertices, faces)
-    length, roughness = _correlation(bending, half_edges, bends & (np.arange(len(ids)) >= m), vertices)
+    third_form = _third_form(vertices, faces, bending.normals)
+    length, roughness, variation = _correlation(bending, half_edges, bends & (np.arange(len(ids)) >= m), vertices)
     bend = _bend(half_edges, vertices, angles, np.flatnonzero(half_edges.twin >= 0))
+    if variation:
+        bending = Bending.of(vertices, faces, stretch_across_creases(third_form, faces, variation))
     curvature = np.where(bends, bending.curvature, 0.0)
     vertices, faces = vertices[:size], faces[: len(rings[0])]
     if not length:  # no curvature is continued: the faces at the rim are enough
@@ -100,6 +111,8 @@ def collar_of(patched: PatchedMesh, rim: Int[np.ndarray, " m"], patch: Patch) ->
         curvature=curvature[m : len(vertices)],
         length=length,
         roughness=roughness,
+        variation=variation,
+        third_form=third_form[:size],
         creased=int(creased[:m].sum()),
         bend=bend,
     )
@@ -189,13 +202,13 @@ def _numbered_after(patch: Patch, count: int) -> Int[np.ndarray, "f 3"]:
 
 def _correlation(
     bending: Bending, half_edges: HalfEdges, bends: Bool[np.ndarray, " n"], vertices: Float[np.ndarray, "n 3"]
-) -> tuple[float, float]:
-    """The correlation length of H, and its roughness, as in `Collar`."""
+) -> tuple[float, float, float]:
+    """The correlation length of H, its roughness and its variation, as in `Collar`."""
     edges = np.stack([half_edges.origin, half_edges.target], axis=1)
     edges = edges[bends[edges].all(axis=1) & (edges[:, 0] < edges[:, 1])]
     edge = float(np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1).mean()) if len(edges) else 0.0
     if not edge:
-        return 0.0, 0.0
+        return 0.0, 0.0, 0.0
     curvature = bending.curvature
     weight = np.where(bends, bending.areas, 0.0)
     mean = weight @ curvature / weight.sum()
@@ -203,10 +216,41 @@ def _correlation(
     # the change of H by rounding of vertices to single precision
     rounding = float(np.finfo(np.float32).eps) * float(np.ptp(vertices, axis=0).max()) / edge**2
     if variance <= rounding**2:
-        return 0.0, 0.0
+        return 0.0, 0.0, 0.0
     between = float(np.mean((curvature[edges[:, 0]] - curvature[edges[:, 1]]) ** 2) / 2)
     correlation = 1 - between / variance
     if correlation <= 0:
-        return 0.0, between / variance
+        return 0.0, between / variance, 0.0
     # n edges cannot distinguish correlations nearer to 1 than about 1 − 1/n
-    return edge / max(-float(np.log(correlation)), 1 / len(edges)), between / variance
+    length = edge / max(-float(np.log(correlation)), 1 / len(edges))
+    return length, between / variance, (variance - between) / float(variance + mean**2)
+
+
+def stretch_across_creases(
+    third_form: Float[np.ndarray, "n 3 3"], faces: Int[np.ndarray, "f 3"], variation: float
+) -> Float[np.ndarray, "f 3 3"]:
+    """The symmetric matrices S of a metric 1 + S of faces: longer in the directions in which a mesh bends most.
+
+    S is the third fundamental form divided by its trace, which has no direction on spheres, times a factor that is 0
+    where H is constant or noise.
+    """
+    of_faces = third_form[faces].mean(axis=1)
+    trace = np.maximum(np.trace(of_faces, axis1=1, axis2=2), TINY)
+    return np.asarray(_STRETCH * variation**2 * of_faces / trace[:, None, None])
+
+
+def _third_form(
+    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], normals: Float[np.ndarray, "n 3"]
+) -> Float[np.ndarray, "n 3 3"]:
+    """dN·dN at the vertices for the unit normals N, linear on the faces: means over the faces there by area."""
+    a, b, c = np.moveaxis(vertices[faces], 1, 0)
+    across = np.cross(b - a, c - a)
+    double = np.maximum(np.linalg.norm(across, axis=1), TINY)[:, None]
+    gradients = np.cross((across / double)[:, None], np.stack([c - b, a - c, b - a], axis=1)) / double[:, None]
+    change = np.einsum("fki,fkj->fij", normals[faces], gradients)
+    form = double[:, :, None] * np.einsum("fij,fik->fjk", change, change)
+    total, weight = np.zeros((len(vertices), 3, 3)), np.zeros(len(vertices))
+    for corner in faces.T:
+        np.add.at(total, corner, form)
+        np.add.at(weight, corner, double[:, 0])
+    return np.asarray(total / weight[:, None, None])

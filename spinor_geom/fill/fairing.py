@@ -5,7 +5,12 @@ have the mesh's tangents there: Δ(H − ℓ²ΔH) = 0. Spheres, cylinders and p
 likely surface if H is a random field with correlation length ℓ, which is measured around the hole: the curvature of a
 smooth mesh continues far into the patch, that of a rough one does not.
 
-Source: Schneider & Kobbelt (2001), Geometric fairing of irregular meshes for free-form surface design, for ΔH = 0.
+Where H varies around the hole, the metric is longer across ridges and valleys (`collar.stretch_across_creases`): the
+patch bends more easily across them, and H varies more, than along them, so that ridges of the mesh are continued. On
+spheres, cylinders and planes H is constant, and the metric is that of the surface.
+
+Sources: Schneider & Kobbelt (2001), Geometric fairing of irregular meshes for free-form surface design, for ΔH = 0;
+Clarenz, Diewald & Rumpf (2000), Anisotropic geometric diffusion in surface processing, for such metrics.
 """
 
 from contextlib import suppress
@@ -19,8 +24,15 @@ from jaxtyping import Bool, Float
 from spinor_geom.deadline import is_out_of_time
 from spinor_geom.domain.delaunay import rim_successors, unique_edges
 from spinor_geom.errors import OutOfTimeError
-from spinor_geom.fill.collar import Collar
-from spinor_geom.mesh.operators import Bending, BendingForm, crossing_angles, factor_symmetric, internal_angles
+from spinor_geom.fill.collar import Collar, stretch_across_creases
+from spinor_geom.mesh.operators import (
+    Bending,
+    BendingForm,
+    crossing_angles,
+    factor_symmetric,
+    graph_laplacian,
+    internal_angles,
+)
 from spinor_geom.mesh.topology import HalfEdges
 from spinor_geom.meshing.embed import Patch
 
@@ -162,9 +174,22 @@ class _Equations:
         self._bends = bends[: self.inside]
         self._beyond = collar.curvature
         self._squared_length = collar.length**2
+        self._collar = collar
         # ∇H is defined on faces with three vertices where H is defined
         known = bends[self._faces].all(axis=1)
-        self._known = None if known.all() else self._faces[known]
+        self._known = None if known.all() else known
+
+    @cached_property
+    def _stretch(self) -> Float[np.ndarray, "f 3 3"] | None:
+        """`stretch_across_creases` for the third fundamental form of the mesh, continued into the patch."""
+        n, collar = self.free, self._collar
+        if not collar.variation:
+            return None
+        laplacian = graph_laplacian(self._faces)
+        form = collar.third_form.reshape(-1, 9)
+        # means of neighbours, because the cotangent Laplacian may have negative weights
+        inner = factor_symmetric(laplacian[:n, :n]).solve(-(laplacian[:n, n:] @ form))
+        return stretch_across_creases(np.concatenate([inner, form]).reshape(-1, 3, 3), self._faces, collar.variation)
 
     def smoothed(self, x: Positions) -> Positions:
         """Minimises ∫|Δx|² over the free vertices, with the Laplacian of the given positions."""
@@ -230,14 +255,17 @@ class _Equations:
     def _form(self, x: Positions, bending: Bending, squared_length: float) -> BendingForm:
         weights, inside = np.zeros(len(x)), self.inside
         weights[:inside] = self._bends / bending.areas[:inside]
-        known = bending if self._known is None or not squared_length else Bending.of(x, self._known)
+        known = bending
+        if self._known is not None and squared_length:
+            stretch = None if self._stretch is None else self._stretch[self._known]
+            known = Bending.of(x, self._faces[self._known], stretch)
         return BendingForm(
             bending=bending, free=self.free, weights=weights, squared_length=squared_length, gradient=known.matrix
         )
 
     def _at(self, x: Positions) -> tuple[BendingForm, Float[np.ndarray, " k"]]:
         """The operator of H, and L(H + ℓ²LH/A) at the free vertices."""
-        bending = Bending.of(x, self._faces)
+        bending = Bending.of(x, self._faces, self._stretch)
         form = self._form(x, bending, self._squared_length)
         curvature = np.where(self._bends, bending.curvature[: self.inside], 0.0)
         return form, form.of(np.concatenate([curvature, self._beyond]))

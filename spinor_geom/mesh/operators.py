@@ -192,7 +192,9 @@ class Bending:
     """The mean curvature of a mesh and the quantities it is computed from.
 
     With these areas H is 1/R at the inner vertices of any mesh inscribed in a sphere, up to the error of the normals:
-    for x, y on the unit sphere (x − y)·x = |x − y|²/2, so along x the gradient of the area is twice the area.
+    for x, y on the unit sphere (x − y)·x = |x − y|²/2, so along x the gradient of the area is twice the area, with any
+    weights of the edges. Where faces are stretched in one direction, H is a mean of the normal curvatures in which that
+    of this direction has less weight.
     """
 
     matrix: CompiledMatrix  # of the cotangent Laplacian L
@@ -201,13 +203,19 @@ class Bending:
     curvature: Float[np.ndarray, " n"]  # n·Lx/(2A), positive where a mesh with outer normals is convex
 
     @classmethod
-    def of(cls, vertices: Float[np.ndarray, "n 3"], faces: Faces) -> Bending:
-        """The bending of a mesh, which is 0 at unused vertices."""
+    def of(
+        cls, vertices: Float[np.ndarray, "n 3"], faces: Faces, stretch: Float[np.ndarray, "f 3 3"] | None = None
+    ) -> Bending:
+        """The bending of a mesh, which is 0 at unused vertices.
+
+        With `stretch` the Laplacian is that of the metric 1 + S in each face, with a symmetric matrix S for each.
+        """
         n, f = len(vertices), len(faces)
         matrix = _room(n, n + 6 * f)
         areas, normals, curvature = np.empty(n), np.empty((n, 3)), np.empty(n)
         points = np.ascontiguousarray(vertices, dtype=np.float64)
-        call("bending", n, points, f, _corners(faces, n), _LEAST_SHARE, *matrix, areas, normals, curvature)
+        stretch = np.zeros((f, 3, 3)) if stretch is None else np.ascontiguousarray(stretch)
+        call("bending", n, points, f, _corners(faces, n), stretch, _LEAST_SHARE, *matrix, areas, normals, curvature)
         return cls(matrix=matrix, areas=areas, normals=normals, curvature=curvature)
 
     @cached_property

@@ -12,6 +12,7 @@ from scipy.sparse import csc_array
 from scipy.sparse.linalg import SuperLU
 from scipy.spatial import ConvexHull
 
+from spinor_geom.bench.holes import plane_square
 from spinor_geom.bench.ragged import reported_bowls
 from spinor_geom.deadline import time_limit
 from spinor_geom.domain.sizes import GRADED
@@ -102,6 +103,18 @@ def test_caps_of_spheres_come_back(sphere: Mesh, height: float) -> None:
     # as the sphere's own edges bend: 5.5°
     assert continuation.after.rms < 8 < continuation.before.rms
     assert continuation.after.largest < 30
+
+
+@pytest.mark.parametrize(("height", "width", "most"), [(0.2, 0.3, 0.012), (0.3, 0.3, 0.015), (0.4, 0.4, 0.006)])
+def test_ridges_go_on_across_a_hole(height: float, width: float, most: float) -> None:
+    def profile(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        return np.asarray(height * np.exp(-((0.3 * x + 0.95 * y) ** 2) / (2 * width**2)))
+
+    points, faces = plane_square(30)
+    x, y, _ = (0.1 * (points - 15 + np.random.default_rng(0).uniform(-0.2, 0.2, points.shape))).T
+    ridge = np.stack([x, y, profile(x, y)], axis=1), faces
+    new, _ = continued(without(ridge, np.hypot(*centres(ridge).T[:2]) < 0.8), loop=1)
+    assert rms(new[:, 2] - profile(new[:, 0], new[:, 1])) < most
 
 
 def test_windows_in_cylinders_and_tori_are_closed_round() -> None:
@@ -381,7 +394,7 @@ def test_a_continuation_out_of_time_is_the_best_so_far(monkeypatch: pytest.Monke
     _, film, collar = with_film(mesh)
     with time_limit(0.0), pytest.raises(OutOfTimeError):
         continue_patch(film, collar, GRADED)
-    real, left = fairing.factor_symmetric, [3]  # for two thin plates and the first Newton step
+    real, left = fairing.factor_symmetric, [4]  # for two thin plates, the metric and the first Newton step
 
     def late_after_two(matrix: csc_array) -> SuperLU:
         left[0] -= 1

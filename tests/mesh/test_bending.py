@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
+from spinor_geom.bench.holes import plane_square
 from spinor_geom.mesh.operators import Bending, BendingForm, crossing_angles
 from spinor_geom.mesh.topology import HalfEdges
 
@@ -28,6 +29,21 @@ def test_a_sphere_through_random_points_has_one_curvature() -> None:
     assert np.median(np.abs(bending.curvature * 2.5 - 1)) < 2e-3
     turned = Bending.of(vertices, faces[:, ::-1])
     np.testing.assert_allclose(turned.curvature, -bending.curvature, rtol=1e-6, atol=1e-9)
+
+
+def test_a_stretched_metric_changes_the_weights_of_directions() -> None:
+    vertices, faces = ball(2000, 2.5)
+    bending = Bending.of(vertices, faces, np.tile(np.diag([0.0, 2.0, 0.0]), (len(faces), 1, 1)))
+    # on a sphere all directions have the same curvature
+    assert np.median(np.abs(bending.curvature * 2.5 - 1)) < 1e-2
+
+    points, faces = plane_square(12)
+    angle = points[:, 0] / 6
+    cylinder = np.stack([np.sin(angle), points[:, 1] / 6, np.cos(angle)], axis=1)
+    middle = 6 * 13 + 6
+    for factor in (0.0, 1.0, 3.0):  # stretched along the axis
+        curvature = Bending.of(cylinder, faces, np.tile(np.diag([0, factor, 0]), (len(faces), 1, 1))).curvature
+        np.testing.assert_allclose(abs(curvature[middle]), (1 + factor) / (2 + factor), rtol=0.02)
 
 
 @pytest.mark.parametrize("squared_length", [0.0, 0.3])
