@@ -11,7 +11,10 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau import NoConnectedSurface
 from spinor_geom.plateau.curve_tensors import CurveTensors
-from spinor_geom.plateau.rims.cornered import Circles, CorneredRims, CorneredSurface, CornerForm, stationary
+from spinor_geom.plateau.rims.circles import Circles
+from spinor_geom.plateau.rims.cornered import CorneredSurface, CornerForm
+from spinor_geom.plateau.rims.cornered_newton import stationary
+from spinor_geom.plateau.rims.sides import CorneredRims
 from spinor_geom.plateau.steps import Steps
 from tests.plateau.rims import polygon, ring, sampled
 

@@ -147,32 +147,27 @@ class NetworkSolver:
                 period=0.0,
             )
         curves = tuple(side.curve for side in self._sides)
-        return self._result(fitted, curves, "network" if rims_result is None else "annular network", rims_result)
+        return self.result(fitted, curves, "network" if rims_result is None else "annular network", rims_result)
 
-    def solve_from(
-        self,
-        stage: Discretisation,
-        readout: Complex[Array, "n 2"],
-        slide: Float[Array, " nodes"],
-        curves: tuple[BoundaryCurve, ...],
-        rims_result: RimsResult,
-    ) -> RouteResult:
-        """The minimal surface fitted over an Ω with the right conformal moduli, from a start.
+    def lifted(self, stage: Discretisation, readout: Complex[Array, "n 2"], slide: Float[Array, " nodes"]) -> Fitted:
+        """Given p and q as they are, with the distance of their surface's boundary from Γ.
 
         Args:
             stage: Ω with the poles.
-            readout: p and q of the start.
-            slide: curve parameters of its nodes.
-            curves: Γ, in the order and direction of the boundaries of Ω.
-            rims_result: properties of the surface; its period is replaced.
+            readout: p and q.
+            slide: curve parameters of the nodes.
         """
-        with self.problem.clock.stage("fit"):
-            fitted = self._refined(stage, readout, slide, self._fitted)
-        return self._result(fitted, curves, "network on circles", rims_result)
+        return self._measured(stage, Fit.at(stage.problem, readout, slide))
 
-    def _result(
+    def brought_nearer(self, start: Fitted) -> Fitted:
+        """The fit from a start over an Ω with the right conformal moduli."""
+        with self.problem.clock.stage("fit"):
+            return self._refined(start.stage, start.fit.readout, start.fit.slide, self._fitted)
+
+    def result(
         self, fitted: Fitted, curves: tuple[BoundaryCurve, ...], route: RouteName, rims_result: RimsResult | None
     ) -> RouteResult:
+        """The surface of a fit; `curves` are Γ in the order and direction of the boundaries of Ω."""
         with self.problem.clock.stage("surface"):
             surface, rms_offset = fitted_surface(fitted, allowed=self.problem.allowed)
             return RouteResult(

@@ -1,14 +1,16 @@
-"""Minimal surfaces between several rims of which some have corners: a start on few nodes, Newton's method, and a fit.
+"""Minimal surfaces between several rims of which some have corners: a start on few nodes, Newton's method, and a lift.
 
-The start is a harmonic surface with rounded corners. `cornered.stationary` finds the harmonic surface with the corners;
-p and q, square roots of components of its φ, are fitted by a Cauchy network on the same Ω.
+The start is a harmonic surface with rounded corners. `stationary` finds the harmonic surface with the corners; p and q,
+square roots of components of its φ, are expanded in functions with the same poles. Where their surface is too far from
+Γ, corners are resolved better, and at last p and q are fitted.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import pairwise
 
@@ -17,25 +19,21 @@ from jaxtyping import Complex, Float
 from scipy.integrate import cumulative_trapezoid
 
 from spinor_geom.arrays import EPS, NUMPY, cis, to_numpy, unit
-from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary
+from spinor_geom.domain.plane_domain import TOWARDS_CORNER, PlaneDomain, SplineBoundary, panel_breaks
 from spinor_geom.domain.quadrature import path_to
-from spinor_geom.errors import SurfaceError
+from spinor_geom.errors import OutOfTimeError, SurfaceError, UnresolvedRimsError
 from spinor_geom.holomorphic.circular_domain import CircularDomain, centring, turned
+from spinor_geom.holomorphic.poles import Poles
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.curve_tensors import CurveTensors
 from spinor_geom.plateau.network.discretisation import Discretisation
-from spinor_geom.plateau.network.network_route import NetworkSolver
+from spinor_geom.plateau.network.network_route import Fitted, NetworkSolver
 from spinor_geom.plateau.problem import PlateauProblem
 from spinor_geom.plateau.rims.capacity_path import mean_modulus
-from spinor_geom.plateau.rims.cornered import (
-    ROUGHLY,
-    Circles,
-    CorneredRims,
-    CorneredSurface,
-    CornerForm,
-    Side,
-    stationary,
-)
+from spinor_geom.plateau.rims.circles import Circles
+from spinor_geom.plateau.rims.cornered import CorneredSurface, CornerForm
+from spinor_geom.plateau.rims.cornered_newton import ROUGHLY, stationary
+from spinor_geom.plateau.rims.sides import RESOLUTIONS, CorneredRims, Side
 from spinor_geom.plateau.rims.starts import OrientedSurface
 from spinor_geom.plateau.route_result import RimsResult, RouteResult
 from spinor_geom.surface.array_surface import PATH_ORDER
@@ -47,8 +45,8 @@ _LEAST_EDGES = 6  # of a side
 _FREQUENCIES = 10, 96  # least and largest number of frequencies of a rim without corners
 _SPECTRUM = 1e-7  # share of the amplitude of Γ above the frequencies of the slide, which has half of them
 _SAMPLES = 256  # of Γ for its spectrum, and of a side for the gap
-_POLES = 16  # at each corner; with 28 residuals are a sixth smaller, and the fit takes twice as long
-_LEVELS = 9  # of edges towards a corner with an angle below 180°; with 5 areas are off by 5e-6
+# Least number of poles in a hole, and the share of powers as high as their number that enter lower ones
+_FEWEST_IN_HOLE, _ALIAS = 20, 1e-8
 # Modes of the start's slides that are fitted to nodes, and the least share of a side between these and its ends
 _START_MODES, _INSIDE = 3, 0.02
 
@@ -65,12 +63,23 @@ def solve_with_corners(problem: PlateauProblem, oriented: OrientedSurface) -> Ro
     start = _Start.of(problem, oriented)
     with problem.clock.stage("slides"):
         surface, _ = stationary(start.surface, problem.steps, ROUGHLY)
-        surface, _ = stationary(surface.refitted(start.exponents), problem.steps)
+        surface, _ = stationary(surface.refitted(start.exponents, RESOLUTIONS[0]), problem.steps)
         are_right = surface.are_conformal_at_corners()
         if not are_right.all():
             exponents = np.where(are_right, start.exponents, 2 - start.exponents)
-            surface, _ = stationary(surface.refitted(exponents), problem.steps)
-    return _Lifted(problem=problem, curves=start.curves, surface=surface).fitted(oriented)
+            surface, _ = stationary(surface.refitted(exponents, RESOLUTIONS[0]), problem.steps)
+    best = _Lifted(problem=problem, curves=start.curves, surface=surface)
+    try:
+        for resolution in RESOLUTIONS[1:]:
+            if problem.excess(best.fitted.misfit) <= 1:
+                break
+            with problem.clock.stage("slides"):
+                exponents = surface.form.rims.exponents
+                surface, _ = stationary(surface.refitted(exponents, resolution), problem.steps)
+            best = min(best, replace(best, surface=surface), key=lambda one: one.fitted.misfit.rms)
+    except (OutOfTimeError, UnresolvedRimsError):  # keep the surface so far
+        pass
+    return best.result(oriented)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -124,7 +133,7 @@ class _Start:
             np.split(exponents, np.cumsum([len(own) for own in corners])[:-1]),
             [0 if len(own) else _frequencies(curve) for own, curve in zip(corners, self.curves, strict=True)],
         )
-        rims = rims.adapted(exponents, self.circles)
+        rims = rims.adapted(exponents, rims.resolution, self.circles.places)
         slides = np.concatenate(list(map(self._modes, rims.sides)))
         return CorneredSurface(form=CornerForm(rims=rims, circles=self.circles), slides=slides)
 
@@ -198,40 +207,62 @@ class _Lifted:
     curves: tuple[BoundaryCurve, ...]
     surface: CorneredSurface
 
-    def fitted(self, oriented: OrientedSurface) -> RouteResult:
-        """The minimal surface fitted from the start."""
-        options, place = self.problem.options, self.problem.options.place
-        circles = self.surface.form.circles
+    def result(self, oriented: OrientedSurface) -> RouteResult:
+        """The minimal surface, fitted to Γ if that of p and q misses the tolerance."""
+        solver, fitted = NetworkSolver(problem=self.problem), self.fitted
+        if self.problem.excess(fitted.misfit) > 1:
+            with suppress(OutOfTimeError):
+                fitted = min(fitted, solver.brought_nearer(fitted), key=lambda one: one.misfit.rms)
+        rims_result = RimsResult(
+            order=tuple(rim.number for rim in oriented.rims),
+            backward=oriented.backward,
+            modulus=mean_modulus(_normalised(self.surface.form)),
+            antiperiodic=tuple(centre in fitted.stage.branches for centre in self.surface.form.circles.centres[1:]),
+            period=0.0,
+        )
+        return solver.result(fitted, self.curves, "network on circles", rims_result)
+
+    @cached_property
+    def fitted(self) -> Fitted:
+        """P and q expanded in functions with poles, with the distance of their surface from Γ."""
+        place, form = self.problem.options.place, self.surface.form
         with self.problem.clock.stage("features"):
             domain = self.domain
-            corners = [curve.breaks[:-1][curve.corners] for curve in self.curves]
             make = partial(
-                Discretisation.first,
-                domain,
-                tuple(CurveTensors.of(curve, place) for curve in self.curves),
-                tuple(corners),
-                degree=options.cauchy.degree,
-                offset=options.cauchy.pole_offset,
-                at_corner=_POLES,
+                Discretisation,
+                domain=domain,
+                curves=tuple(CurveTensors.of(curve, place) for curve in self.curves),
+                corners=tuple(curve.breaks[:-1][curve.corners] for curve in self.curves),
+                poles=self._poles,
+                breaks=tuple(map(panel_breaks, domain.boundaries)),
+                degree=max(self.problem.options.cauchy.degree, form.rims.powers[0]),
+                at_corner=0,  # of those to be placed; `poles` has them
             )
-            first = make()
+            first = make(branches=())
             z = np.split(first.panels.z, np.cumsum(first.panels.rims)[:-1] * first.panels.order)
-            antiperiodic = tuple(not bool(signs_close_up(*self._spinors(own))) for own in z[1:])
-            branches = tuple(circles.centres[1:][list(antiperiodic)].tolist())
+            is_odd = [not bool(signs_close_up(*self._spinors(own))) for own in z[1:]]
+            branches = tuple(form.circles.centres[1:][is_odd].tolist())
             stage = make(branches=branches) if branches else first
             spinors = self._joined(domain, z, branches) * np.sqrt(
                 first.panels.z[:, None, None] - np.array(branches, dtype=np.complex128)
             ).prod(axis=-1)
             readout = stage.readout_of(place.put(spinors))
             slide = np.concatenate(list(map(self._slide, range(len(z)), stage.panels.own_parameters)))
-        result = RimsResult(
-            order=tuple(rim.number for rim in oriented.rims),
-            backward=oriented.backward,
-            modulus=mean_modulus(_normalised(self.surface.form)),
-            antiperiodic=antiperiodic,
-            period=0.0,
-        )
-        return NetworkSolver(problem=self.problem).solve_from(stage, readout, place.put(slide), self.curves, result)
+            return NetworkSolver(problem=self.problem).lifted(stage, readout, place.put(slide))
+
+    @property
+    def _poles(self) -> Poles:
+        """Those of the harmonic surface, and poles in the holes in place of powers."""
+        form = self.surface.form
+        positions, scales = form.circles.poles(form.rims)
+        poles = Poles(positions=positions, scales=scales)
+        circles = zip(form.circles.centres[1:], form.circles.radii[1:], form.rims.powers[1:], strict=True)
+        for centre, radius, powers in circles:
+            count = max(powers, _FEWEST_IN_HOLE)
+            inside = radius * _ALIAS ** (1 / count)
+            around = centre + inside * cis(2 * np.pi / count * np.arange(count))
+            poles += Poles(positions=around, scales=np.full(count, radius - inside))
+        return poles
 
     @cached_property
     def domain(self) -> PlaneDomain:
@@ -242,17 +273,18 @@ class _Lifted:
     @cached_property
     def _boundaries(self) -> tuple[SplineBoundary, ...]:
         """The circles, from their first corners on."""
-        circles = self.surface.form.circles
-        boundaries = []
+        circles, boundaries = self.surface.form.circles, []
+        # of edges towards a corner with an angle below 180°; panels are shorter
+        levels = self.surface.form.rims.resolution.halvings // 2 - len(TOWARDS_CORNER)
         for rim, (centre, radius, sign) in enumerate(zip(circles.centres, circles.radii, circles.signs, strict=True)):
             arguments = self._ends(rim)
             parts = []
             sides = (side for side in self.surface.form.rims.sides if side.rim == rim)
             for (start, end), side in zip(pairwise(arguments.tolist()), sides, strict=True):
                 even = self._edges(rim, start, end)
-                near = 0.25 ** np.arange(_LEVELS, 0, -1)
+                near = 0.25 ** np.arange(levels, 0, -1)
                 ahead, back = (
-                    length * near[: _LEVELS * (exponent < 1)]
+                    length * near[: levels * (exponent < 1)]
                     for length, exponent in zip((even[1] - start, end - even[-2]), side.exponents, strict=True)
                 )
                 parts.append(np.concatenate([[start], start + ahead, even[1:-1], end - back[::-1]]))

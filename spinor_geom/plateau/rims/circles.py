@@ -1,0 +1,156 @@
+"""The unit disk less round holes, with the images of corners on its circles."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Complex, Float, Int
+from numpy.polynomial import Chebyshev
+
+from spinor_geom.arrays import cis
+from spinor_geom.holomorphic.circular_domain import turned, turned_circles
+from spinor_geom.plateau.rims.sides import CorneredRims, Side, cluster
+
+# Poles between circles that nearly touch: the first distance from a circle, in radii, and the ratio of distances
+_FIRST_DISTANCE, _RATIO = 0.6, 0.75
+# Density of modes at gaps between circles, and degree of its polynomial
+_CROWDING, _GAP_DEGREE = 0.25, 200
+_SPREADING_STEPS = 30  # of the maps to an image whose holes and corners are spread evenly
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Circles:
+    """The circles of ∂Ω, and the images of corners on them. The first circle is the unit circle."""
+
+    centres: Complex[np.ndarray, " m"]
+    log_radii: Float[np.ndarray, " m"]
+    arguments: Float[np.ndarray, " c"]  # of the corners, in the direction of ∂Ω: clockwise around holes
+
+    @property
+    def radii(self) -> Float[np.ndarray, " m"]:
+        """Radii of all circles."""
+        return np.asarray(np.exp(self.log_radii))
+
+    @property
+    def signs(self) -> Float[np.ndarray, " m"]:
+        """1 for the outer circle, −1 for holes."""
+        return np.where(np.arange(len(self.centres)) == 0, 1.0, -1.0)
+
+    def images(self, rim_of_corner: Int[np.ndarray, " c"]) -> Complex[np.ndarray, " c"]:
+        """Images of the corners."""
+        turn = cis(self.signs[rim_of_corner] * self.arguments)
+        return np.asarray(self.centres[rim_of_corner] + self.radii[rim_of_corner] * turn)
+
+    def arc(self, side: Side) -> tuple[float, float]:
+        """The argument of the first end of a side, and the length of its arc."""
+        if side.corners is None:
+            return 0.0, 2 * np.pi
+        first, last = self.arguments[list(side.corners)].tolist()
+        return first, (last - first) % (2 * np.pi) or 2 * np.pi
+
+    def places(self, side: Side) -> Chebyshev:
+        """`Side.place` that is steep where other circles are near: about the conformal coordinate of a narrow gap."""
+        first, arc = self.arc(side)
+        radius = self.radii[side.rim]
+
+        def slope(u: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+            z = self.centres[side.rim] + radius * cis(self.signs[side.rim] * (first + arc * u))
+            gaps = np.abs(np.abs(z - self.centres[:, None]) - self.radii[:, None])
+            return np.asarray(1 + _CROWDING * arc * radius * (1 / np.delete(gaps, side.rim, axis=0)).sum(axis=0))
+
+        whole = Chebyshev.interpolate(slope, _GAP_DEGREE, domain=[0, 1]).integ(lbnd=0)
+        scaled: Chebyshev = whole / float(whole(1.0))
+        return scaled
+
+    def _marks(self, rim_of_corner: Int[np.ndarray, " c"]) -> Complex[np.ndarray, " k"]:
+        """Images of corners on the outer circle, and centres of holes."""
+        return np.concatenate([self.images(rim_of_corner)[rim_of_corner == 0], self.centres[1:]])
+
+    def unevenness(self, rim_of_corner: Int[np.ndarray, " c"]) -> float:
+        """Distance of the mean of holes and corners of the outer circle from 0."""
+        return float(np.abs(self._marks(rim_of_corner).mean()))
+
+    def spread(self, rim_of_corner: Int[np.ndarray, " c"]) -> tuple[Circles, list[complex]]:
+        """A conformal image with `unevenness` 0, and the points for `turned` that lead to it."""
+        circles, points = self, []
+        for _ in range(_SPREADING_STEPS):
+            points.append(complex(circles._marks(rim_of_corner).mean()) / 2)
+            circles = circles.turned(points[-1], rim_of_corner)
+        return circles, points
+
+    def turned(self, to: complex, rim_of_corner: Int[np.ndarray, " c"]) -> Circles:
+        """The image by the conformal map of the unit disk onto itself that moves a point to 0."""
+        centres, radii = turned_circles(self.centres, self.radii, to)
+        centres[0], radii[0] = 0.0, 1.0
+        arguments = self.signs[rim_of_corner] * np.angle(
+            turned(self.images(rim_of_corner), to) - centres[rim_of_corner]
+        )
+        for rim in np.unique(rim_of_corner):
+            own = rim_of_corner == rim
+            arguments[own] = arguments[own][0] + (arguments[own] - arguments[own][0]) % (2 * np.pi)
+        return Circles(centres=centres, log_radii=np.log(radii), arguments=arguments)
+
+    def moved(self, step: Float[np.ndarray, " p"]) -> Circles:
+        """The circles after a step of all arguments, then of x, y and log radius of each hole."""
+        count = len(self.arguments)
+        x, y, log = step[count:].reshape(-1, 3).T
+        return Circles(
+            centres=self.centres + np.append(0.0, x + 1j * y),
+            log_radii=self.log_radii + np.append(0.0, log),
+            arguments=self.arguments + step[:count],
+        )
+
+    def is_domain(self, rim_of_corner: Int[np.ndarray, " c"]) -> bool:
+        """Whether no circles meet and the corners are in order."""
+        for rim in np.unique(rim_of_corner):
+            own = self.arguments[rim_of_corner == rim]
+            if not (np.diff(np.append(own, own[0] + 2 * np.pi)) > 0).all():
+                return False
+        return bool((self.gaps[~np.eye(len(self.centres), dtype=bool)] > 0).all())
+
+    @cached_property
+    def gaps(self) -> Float[np.ndarray, "m m"]:
+        """Widths of the gaps between circles; 0 on the diagonal."""
+        radii = self.radii
+        gaps = np.abs(self.centres[:, None] - self.centres) - radii[:, None] - radii
+        gaps[0] = gaps[:, 0] = 1 - np.abs(self.centres) - radii
+        np.fill_diagonal(gaps, 0.0)
+        return np.asarray(gaps)
+
+    def _arcs(self, rim_of_corner: Int[np.ndarray, " c"]) -> Float[np.ndarray, " c"]:
+        """The shorter arc beside each corner."""
+        arcs = np.empty(len(rim_of_corner))
+        for rim in np.unique(rim_of_corner):
+            own = rim_of_corner == rim
+            ahead = np.diff(np.append(self.arguments[own], self.arguments[own][0] + 2 * np.pi))
+            arcs[own] = np.minimum(ahead, np.roll(ahead, 1))
+        return arcs
+
+    def poles(self, of: CorneredRims) -> tuple[Complex[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+        """Poles at corners and between circles that nearly touch, and their distances from the circles."""
+        rim_of_corner = of.rim_of_corner
+        radii, signs = self.radii, self.signs
+        rims, directions, distances = [], [], []
+        turns = cis(signs[rim_of_corner] * self.arguments)
+        arcs = self._arcs(rim_of_corner)
+        for rim, direction, exponent, arc in zip(rim_of_corner, turns, of.exponents, arcs, strict=True):
+            far = cluster(float(exponent), float(arc), of.resolution)
+            rims.append(np.full(len(far), rim))
+            directions.append(np.full(len(far), direction))
+            # the poles of a hole stay between its circle and its centre
+            distances.append(far * radii[rim] * (1.0 if rim == 0 else 0.5))
+        for rim, other in zip(*np.nonzero(~np.eye(len(radii), dtype=bool)), strict=True):
+            towards = self.centres[other] - self.centres[rim]
+            towards = -towards if other == 0 else towards
+            nearest = math.sqrt(self.gaps[rim, other] * min(radii[rim], radii[other]))
+            reach = nearest / (_FIRST_DISTANCE * radii[rim])
+            count = math.ceil(math.log(reach) / math.log(_RATIO)) if reach < 1 else 0
+            if towards != 0 and count:
+                rims.append(np.full(count, rim))
+                directions.append(np.full(count, towards / abs(towards)))
+                distances.append(_FIRST_DISTANCE * radii[rim] * _RATIO ** np.arange(count))
+        rim, direction, distance = map(np.concatenate, (rims, directions, distances))
+        return self.centres[rim] + direction * (radii[rim] + signs[rim] * distance), distance

@@ -1,0 +1,278 @@
+"""Rims with corners: their sides, the nodes of these, and the modes of their slides.
+
+On the sides between corners slides are logit s = a log u − b log (1 − u) + Chebyshev polynomials of tanh, u the share
+of the side's arc in ∂Ω: at a corner of angle α of the surface s ~ u^(α/π).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from spinor_geom.domain.quadrature import rule
+from spinor_geom.plateau.curve_tensors import CurveTensors
+
+_DECAY = 4.0  # σ in the distances exp(−σ(√n − √k)) of poles from a corner
+_MODES = 20  # degree of the Chebyshev polynomials of a side's slide; with 12 φ·φ is ten times as large
+_POWERS = 8  # powers of a circle's coordinate for each of its sides
+_LEAST_HALVINGS = 10
+_EVEN = 0.0625, 0.125, 0.25, 0.375, 0.5  # ends of panels far from corners
+_MARGIN = 1e-13  # least distance of parameters from those of corners, because Γ′ there is that of the next side
+
+
+class Resolution(NamedTuple):
+    """How well corners are resolved."""
+
+    halvings: int  # of the panels towards a corner with α = π/2; fewer for larger angles
+    nodes: int  # of a panel
+
+
+# At corners of 90° the first keeps the boundary within 2e-4 of a side, the second within 2e-5.
+RESOLUTIONS = Resolution(24, 10), Resolution(32, 12)
+
+_Shares: TypeAlias = Float[np.ndarray, "*n"]
+
+
+def _evenly(u: _Shares) -> _Shares:
+    return u
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Side:
+    """A part of a rim between corners, or a whole rim without corners, with its nodes and the modes of its slide."""
+
+    rim: int
+    corners: tuple[int, int] | None  # numbers of its ends among all corners; None for a whole rim
+    start: float  # curve parameter of its first end
+    length: float  # in the curve parameter
+    exponents: tuple[float, float]  # angles of the surface at its ends, over π
+    frequencies: int  # of the Fourier modes of a whole rim
+    shares: Float[np.ndarray, "2 n"]  # u and 1 − u
+    weights: Float[np.ndarray, " n"]  # of integrals over u
+    place: Callable[[_Shares], _Shares] = (
+        _evenly  # v as a function of u in [0, 1]: slides are smooth functions of v, also at narrow gaps
+    )
+
+    @classmethod
+    def between(
+        cls,
+        rim: int,
+        corners: tuple[int, int],
+        start: float,
+        length: float,
+        exponents: tuple[float, float],
+        resolution: Resolution,
+        place: Callable[[_Shares], _Shares] = _evenly,
+    ) -> Side:
+        """A side between two corners."""
+        (ahead, ahead_weights), (back, back_weights) = (_graded(exponent, resolution) for exponent in exponents)
+        return cls(
+            rim=rim,
+            corners=corners,
+            start=start,
+            length=length,
+            exponents=exponents,
+            frequencies=0,
+            shares=np.stack([np.concatenate([ahead, 1 - back[::-1]]), np.concatenate([1 - ahead, back[::-1]])]),
+            weights=np.concatenate([ahead_weights, back_weights[::-1]]),
+            place=place,
+        )
+
+    @classmethod
+    def whole(cls, rim: int, frequencies: int) -> Side:
+        """A rim without corners, whose slide has Fourier modes below a frequency."""
+        n = 4 * frequencies
+        u = np.arange(n) / n
+        return cls(
+            rim=rim,
+            corners=None,
+            start=0.0,
+            length=1.0,
+            exponents=(1.0, 1.0),
+            frequencies=frequencies,
+            shares=np.stack([u, 1 - u]),
+            weights=np.full(n, 1 / n),
+        )
+
+    def base(self, shares: Float[np.ndarray, "2 n"]) -> Float[np.ndarray, " n"]:
+        """The sum that `slide` takes, without modes, at given u and 1 − u: logit s, or s of a whole rim."""
+        if self.corners is None:
+            return np.asarray(shares[0])
+        first, last = self._logarithms(shares)
+        return np.asarray(self.exponents[0] * first - self.exponents[1] * last)
+
+    def modes(self, shares: Float[np.ndarray, "2 n"]) -> Float[np.ndarray, "n k"]:
+        """The modes at given u and 1 − u."""
+        if self.corners is None:
+            turns = 2 * np.pi * np.arange(1, self.frequencies) * shares[0, :, None]
+            return np.concatenate([np.ones((len(turns), 1)), np.cos(turns), np.sin(turns)], axis=1)
+        # powers of u in s are half-integers at right angles
+        flattening = min(sum(self.exponents) / 2, 1.0)
+        first, last = self._logarithms(shares)
+        return np.asarray(np.polynomial.chebyshev.chebvander(np.tanh(flattening * (first - last) / 2), _MODES))
+
+    def _logarithms(self, shares: Float[np.ndarray, "2 n"]) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+        """Logarithms of v and 1 − v at given u and 1 − u."""
+        v = self.place(shares[0])
+        start, end = self.place(np.array([0.0, 1.0]))
+        return np.log(v - start), np.log(end - v)
+
+    def slide(self, sums: Float[np.ndarray, " n"]) -> Float[np.ndarray, "3 n"]:
+        """The curve parameter and its first two derivatives with respect to the sum of `base` and modes."""
+        if self.corners is None:
+            return np.stack([sums, np.ones_like(sums), np.zeros_like(sums)])
+        share, rest = (1 / (1 + np.exp(-sign * sums)) for sign in (1, -1))
+        slope = self.length * share * rest
+        inside = np.clip(self.length * share, _MARGIN, self.length - _MARGIN)
+        return np.stack([self.start + inside, slope, slope * (rest - share)])
+
+
+def _halvings(exponent: float, resolution: Resolution) -> int:
+    """Number of halvings of the panels towards a corner."""
+    return int(np.clip(resolution.halvings / 2 / exponent, _LEAST_HALVINGS, resolution.halvings))
+
+
+def cluster(exponent: float, arc: float, resolution: Resolution) -> Float[np.ndarray, " k"]:
+    """Distances of the poles at a corner, down to the length of the last panel on a side with a given arc."""
+    depth = _halvings(exponent, resolution) * math.log(2) - min(math.log(arc), 0.0)
+    count = int((1 + depth / _DECAY) ** 2)
+    return np.exp(-_DECAY * (math.sqrt(count) - np.sqrt(np.arange(1, count + 1))))
+
+
+def _graded(exponent: float, resolution: Resolution) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Nodes and weights on [0, 1/2], on panels that are quartered towards 0."""
+    ends = np.concatenate([[0.0], 0.5 ** np.arange(_halvings(exponent, resolution), 4, -2), _EVEN])
+    x, w = rule("gauss", resolution.nodes)
+    width = np.diff(ends)[:, None]
+    return (ends[:-1, None] + width * x).ravel(), (width * w).ravel()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CorneredRims:
+    """Curves in the order and direction of the boundaries of Ω, with the nodes and modes of their slides."""
+
+    curves: tuple[CurveTensors, ...]
+    sides: tuple[Side, ...]
+    rim_of_corner: Int[np.ndarray, " c"]
+    exponents: Float[np.ndarray, " c"]  # angles of the surface at the corners, over π
+    resolution: Resolution
+    powers: tuple[int, ...]  # of each circle's coordinate
+
+    @classmethod
+    def of(
+        cls,
+        curves: Sequence[CurveTensors],
+        corners: Sequence[Float[np.ndarray, " _"]],
+        exponents: Sequence[Float[np.ndarray, " _"]],
+        frequencies: Sequence[int],
+        resolution: Resolution = RESOLUTIONS[0],
+    ) -> CorneredRims:
+        """The rims with the ascending parameters of their corners, and the surface's angles there over π.
+
+        `frequencies` are the largest of the slides of rims without corners.
+        """
+        sides: list[Side] = []
+        first, powers = 0, []
+        for rim, (own, angles) in enumerate(zip(corners, exponents, strict=True)):
+            count = len(own)
+            if not count:
+                sides.append(Side.whole(rim, frequencies[rim]))
+            for k in range(count):
+                following = (k + 1) % count
+                length = float(own[following] - own[k]) % 1 or 1.0
+                ends = float(angles[k]), float(angles[following])
+                numbers = first + k, first + following
+                sides.append(Side.between(rim, numbers, float(own[k]), length, ends, resolution))
+            powers.append(max(_POWERS * count, frequencies[rim]))
+            first += count
+        rim_of_corner = np.repeat(np.arange(len(corners)), [len(own) for own in corners])
+        return cls(
+            curves=tuple(curves),
+            sides=tuple(sides),
+            rim_of_corner=rim_of_corner,
+            exponents=np.concatenate(exponents),
+            resolution=resolution,
+            powers=tuple(powers),
+        )
+
+    def adapted(
+        self,
+        exponents: Float[np.ndarray, " c"],
+        resolution: Resolution,
+        places: Callable[[Side], Callable[[_Shares], _Shares]],
+    ) -> CorneredRims:
+        """The rims with other exponents, resolution and `Side.place`."""
+        sides = tuple(
+            side
+            if side.corners is None
+            else Side.between(
+                side.rim,
+                side.corners,
+                side.start,
+                side.length,
+                (float(exponents[side.corners[0]]), float(exponents[side.corners[1]])),
+                resolution,
+                places(side),
+            )
+            for side in self.sides
+        )
+        return replace(self, sides=sides, exponents=exponents, resolution=resolution)
+
+    @cached_property
+    def rows(self) -> tuple[slice, ...]:
+        """The nodes of each side."""
+        return _slices([len(side.weights) for side in self.sides])
+
+    @cached_property
+    def columns(self) -> tuple[slice, ...]:
+        """The modes of each side."""
+        return _slices([_MODES + 1 if side.corners else 2 * side.frequencies - 1 for side in self.sides])
+
+    @cached_property
+    def modes(self) -> Float[np.ndarray, "n k"]:
+        """All modes at all nodes."""
+        modes = np.zeros((self.rows[-1].stop, self.columns[-1].stop))
+        for side, rows, columns in zip(self.sides, self.rows, self.columns, strict=True):
+            modes[rows, columns] = side.modes(side.shares)
+        return modes
+
+    def by_modes(self, values: Float[np.ndarray, "n c"]) -> Float[np.ndarray, "k c"]:
+        """Products of the modes with values at the nodes; each mode is 0 but on one side."""
+        return np.concatenate(
+            [self.modes[rows, columns].T @ values[rows] for rows, columns in zip(self.rows, self.columns, strict=True)]
+        )
+
+    @cached_property
+    def _bases(self) -> Float[np.ndarray, " n"]:
+        return np.concatenate([side.base(side.shares) for side in self.sides])
+
+    @cached_property
+    def rim_of_node(self) -> Int[np.ndarray, " n"]:
+        """The rim of each node."""
+        return np.repeat([side.rim for side in self.sides], [len(side.weights) for side in self.sides])
+
+    @property
+    def corners(self) -> int:
+        """Number of all corners."""
+        return len(self.rim_of_corner)
+
+    def points(self, coefficients: Float[np.ndarray, " k"]) -> Float[np.ndarray, "3 n 3"]:
+        """Γ at the nodes, and its first two derivatives with respect to the sum of the modes."""
+        parts, sums = [], self._bases + self.modes @ coefficients
+        for side, rows in zip(self.sides, self.rows, strict=True):
+            s, first, second = side.slide(sums[rows])
+            point, tangent, bend = self.curves[side.rim].point_and_derivatives(s)
+            along = bend * (first**2)[:, None] + tangent * second[:, None]
+            parts.append(np.stack([point, tangent * first[:, None], along]))
+        return np.concatenate(parts, axis=1)
+
+
+def _slices(sizes: Sequence[int]) -> tuple[slice, ...]:
+    ends = np.cumsum([0, *sizes]).tolist()
+    return tuple(map(slice, ends[:-1], ends[1:]))
