@@ -28,6 +28,7 @@ _ASIDE = 0.005  # one-sided derivatives are taken this share of the side inside 
 # Largest turn of ∂Ω along a quadrilateral that replaces several, in radians: smaller gives more quadrilaterals, larger
 # more knots.
 _TURN = 1.65
+_BLEND = 4  # order to which quadrilaterals are bilinear in a power at one corner, if not at the next one
 _EVEN = 0.1  # least ratio of smallest to largest thickness of a quadrilateral
 _LONGEST = 8.0  # largest ratio of length to depth before neighbours are joined
 _MOST_CORNERS = 100  # of a polygon that is divided into quadrilaterals: the time grows with the fourth power
@@ -48,12 +49,16 @@ class Blocks:
 
     The first ones form rings along the boundaries, in order. The side from the first to the second corner of such a
     quadrilateral is a part of ∂Ω. All other sides are straight.
+
+    Where ∂Ω is smooth at a corner of angle πβ of the surface, positions are smooth functions of (z − c)^β, c the image
+    of the corner. Quadrilaterals there are bilinear in that power.
     """
 
     points: Complex[np.ndarray, " n"]  # the corners of all quadrilaterals
     quads: Int[np.ndarray, "q 4"]  # indices of the corners of each
     # parameters, as in `Rim`, of both ends of each side on ∂Ω, increasing; the last may exceed 1
     parts: Float[np.ndarray, "r 2"]
+    powers: Float[np.ndarray, "r 2"]  # β at both ends of each side on ∂Ω; 1 but at such corners
     sizes: tuple[int, ...]  # numbers of quadrilaterals along each boundary
 
     @classmethod
@@ -77,8 +82,8 @@ class Blocks:
             raise DomainError(_NOT_DIVIDED)
         rings = _shortened(domain, rings)
         while (found := _filled(rings)) is None:
-            fewer = [ring.coarser() for ring in rings]
-            if sum(map(len, fewer)) == sum(map(len, rings)) or not _bounds_region(fewer):
+            fewer = _coarser(rings)
+            if sum(map(len, fewer)) == sum(map(len, rings)):
                 found = _filled(_longest_halved(domain, rings)) if sum(map(len, rings)) % 2 else None
                 return _with_triangles(rings) if found is None else _assembled(*found)
             rings = fewer
@@ -95,9 +100,31 @@ class Blocks:
 
         `first` has the points of its first side at u, or None for a straight one.
         """
+        return self.grid_and_steps(quad, u, v, first)[0]
+
+    def grid_and_steps(
+        self, quad: int, u: Float[np.ndarray, " n"], v: Float[np.ndarray, " m"], first: Complex[np.ndarray, " n"] | None
+    ) -> tuple[Complex[np.ndarray, "n m"], Complex[np.ndarray, "n m"]]:
+        """`grid`, and its derivatives with respect to v."""
         a, b, c, d = self.points[self.quads[quad]]
-        side = a + u * (b - a) if first is None else first
-        return np.asarray((1 - v) * side[:, None] + v * (d + u * (c - d))[:, None])
+        side, across = a + u * (b - a) if first is None else first, d + u * (c - d)
+        powers = self.powers[quad] if quad < len(self.powers) else np.ones(2)
+        if (powers == 1).all():
+            return (1 - v) * side[:, None] + v * across[:, None], np.repeat((across - side)[:, None], len(v), axis=1)
+        total = np.zeros((2, len(u), len(v)), dtype=np.complex128)
+        near, far = u**_BLEND, (1 - u) ** _BLEND
+        for start, end, power, share in ((a, d, powers[0], far), (b, c, powers[1], near)):
+            begin, finish = (_power((some - start) / (end - start), power)[:, None] for some in (side, across))
+            between = (1 - v) * begin + v * finish
+            steps = _power(between, 1 / power - 1) * (finish - begin) / power
+            values = start + (end - start) * _power(between, 1 / power), (end - start) * steps
+            total += (share / (near + far))[:, None] * np.stack(values)
+        return total[0], total[1]
+
+
+def _power(z: Complex[np.ndarray, "*pts"], power: float) -> Complex[np.ndarray, "*pts"]:
+    """Principal values of z^power, 0 for z = 0."""
+    return np.asarray(np.abs(z) ** power * np.exp(1j * power * np.angle(z)))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -147,6 +174,13 @@ class _Ring:
     def inner(self) -> Complex[np.ndarray, " k"]:
         """The inner corners."""
         return np.asarray(self.outer + self.depth * self.inwards)
+
+    @property
+    def powers(self) -> Float[np.ndarray, " k"]:
+        """`Rim.powers` at the marks that are corners, 1 at the others."""
+        powers = np.ones(len(self))
+        powers[self.fixed] = self.rim.powers
+        return powers
 
     @property
     def lengths(self) -> Float[np.ndarray, " k"]:
@@ -247,6 +281,14 @@ def _bounds_region(rings: Sequence[_Ring]) -> bool:
     return bound_domain(tuple(ring.inner for ring in rings))
 
 
+def _coarser(rings: list[_Ring]) -> list[_Ring]:
+    """The rings, coarser where the inner corners then still bound a region."""
+    for k, ring in enumerate(rings):
+        fewer = [*rings[:k], ring.coarser(), *rings[k + 1 :]]
+        rings = fewer if _bounds_region(fewer) else rings
+    return rings
+
+
 def _longest_halved(domain: PlaneDomain, rings: Sequence[_Ring]) -> list[_Ring]:
     """The rings after halving the quadrilateral with the longest side on ∂Ω."""
     lengths = [ring.lengths for ring in rings]
@@ -295,6 +337,7 @@ def _assembled(rings: Sequence[_Ring], inside: Int[np.ndarray, "q 4"]) -> Blocks
         points=np.concatenate([ring.outer for ring in rings] + [ring.inner for ring in rings]),
         quads=np.concatenate([np.stack([own, after, n + after, n + own], axis=1), n + inside]),
         parts=np.concatenate([np.stack([ring.marks, _ends(ring.marks)], axis=1) for ring in rings]),
+        powers=np.concatenate([np.stack([ring.powers, np.roll(ring.powers, -1)], axis=1) for ring in rings]),
         sizes=sizes,
     )
 
@@ -319,10 +362,11 @@ def _with_triangles(rings: Sequence[_Ring]) -> Blocks:
     a, b, c, d = ring.T
     halves = np.stack([np.stack([a, outer, inner, d], axis=1), np.stack([outer, b, c, inner], axis=1)], axis=1)
     thirds = np.stack([triangles, middle, centre, np.roll(middle, 1, axis=1)], axis=-1)
-    start, end = blocks.parts.T
+    (start, end), smooth = blocks.parts.T, np.ones(len(ring))
     return Blocks(
         points=np.concatenate([blocks.points, *new]),
         quads=np.concatenate([halves.reshape(-1, 4), thirds.reshape(-1, 4)]),
         parts=np.stack([start, halfway, halfway, end], axis=1).reshape(-1, 2),
+        powers=np.stack([blocks.powers[:, 0], smooth, smooth, blocks.powers[:, 1]], axis=1).reshape(-1, 2),
         sizes=tuple(2 * size for size in blocks.sizes),
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -26,6 +27,9 @@ _PRECISE, _REACH = 1e-8, 0.02  # largest last Newton step (the error is about it
 # relative accuracy of ∫ φ dz: this share of the boundary residual, within limits suitable for the tolerance 1e-6
 _OF_RESIDUAL, _ACCURACY = 1e-3, (1e-10, 1e-8)
 _ASIDE = 1e-9  # distance of one-sided derivatives from a corner
+# Shares of ∂Ω beside a corner where the growth of positions is measured; how near it is to the power that it shows
+_GROWTH, _SURE = (1e-5, 1e-4), 0.05
+_SMOOTH = 1e-6  # largest difference of unit tangents where ∂Ω is smooth
 # Where s and t, as shares of a side, differ by more than this, s is a polynomial of x. They differ by 0.44 next to the
 # opened corner of an L, by at most 0.04 elsewhere. `_DEGREE` is that of the polynomial, `_NODES` the number of steps
 # between the nodes of its fit.
@@ -78,6 +82,24 @@ class Rim:
     def corners(self) -> Float[np.ndarray, " c"]:
         """Parameters of the corners of Γ."""
         return np.asarray(self.curve.breaks[:-1][self.curve.corners])
+
+    @property
+    def powers(self) -> Float[np.ndarray, " c"]:
+        """β at corners of angle πβ of the surface where ∂Ω is smooth; 1 at the others.
+
+        The surface has the angle of Γ or the rest of a full turn: the one by which positions grow along ∂Ω.
+        """
+        if not len(self.corners):
+            return np.ones(0)
+        before, after = (self.curve.derivative((self.corners + side) % 1.0) for side in (-_ASIDE, _ASIDE))
+        sine, cosine = np.linalg.norm(np.cross(before, after), axis=1), (before * after).sum(axis=1)
+        angle = 1 - np.arctan2(sine, cosine) / np.pi
+        t = self._at_corners[:-1]
+        lengths = [np.linalg.norm(self.positions(t + x) - self.positions(t), axis=1) for x in _GROWTH]
+        growth = np.log(lengths[1] / lengths[0]) / math.log(_GROWTH[1] / _GROWTH[0])
+        nearest = np.where(np.abs(growth - angle) < np.abs(growth - 2 + angle), angle, 2 - angle)
+        start, end = self.tangents(self.corners)
+        return np.where((np.abs(start - end) < _SMOOTH) & (np.abs(growth - nearest) < _SURE), nearest, 1.0)
 
     def point(self, x: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
         """z(x)."""

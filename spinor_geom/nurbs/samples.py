@@ -102,7 +102,8 @@ class Samples:
 
     If positions have no closed form, ∫ φ dz over a disk with a smooth boundary is a polynomial on each quadrilateral
     through values by Cauchy's formula. If ∂Ω is not smooth or Ω has holes, positions in a ring are integrals of φ
-    along straight lines from ∂Ω. Those inside a disk follow from Cauchy's formula, with the same nodes on ∂Ω for all.
+    along lines of constant u from ∂Ω. Those inside a disk follow from Cauchy's formula, with the same nodes on ∂Ω for
+    all.
     """
 
     surface: ArraySurface
@@ -160,13 +161,16 @@ class Samples:
             (id(side), breaks): (quad, u, side, self._pieces(quad, breaks))
             for (quad, u, _, breaks), side in zip(grids, sides, strict=True)
         }
-        z = [self.blocks.grid(quad, u, _gauss(breaks), side.z) for quad, u, side, breaks in columns.values()]
-        velocity = dict(zip(columns, _split(self._phi, z), strict=True))
+        points = [
+            self.blocks.grid_and_steps(quad, u, _gauss(breaks), side.z) for quad, u, side, breaks in columns.values()
+        ]
+        phi_at = _split(self._phi, [z for z, _ in points])
+        moves = [(value * steps[..., None]).real for value, (_, steps) in zip(phi_at, points, strict=True)]
+        velocity = dict(zip(columns, moves, strict=True))
         found = []
-        for (quad, u, v, breaks), side in zip(grids, sides, strict=True):
-            across = np.diff(self.blocks.grid(quad, u, np.array([0.0, 1.0]), side.z), axis=1)
+        for (quad, _, v, breaks), side in zip(grids, sides, strict=True):
             integrals = _integrals(self._pieces(quad, breaks), tuple(v)) @ velocity[id(side), breaks]
-            found.append(side.on_rim[:, None] + (across[..., None] * integrals).real)
+            found.append(side.on_rim[:, None] + integrals)
         return found
 
     def _pieces(self, quad: int, breaks: Breaks) -> Breaks:

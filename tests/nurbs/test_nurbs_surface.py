@@ -18,6 +18,7 @@ from spinor_geom.mesh.rational_splines import NurbsPatch
 from spinor_geom.nurbs.nurbs_surface import NurbsSurface, nurbs_surface
 from spinor_geom.plateau.solution import PlateauSolution
 from tests.open_cascade import area_of, count, distances, free_boundary, free_wires, is_valid
+from tests.plateau.rims import polygon, ring, sampled
 
 SEAM_AREA = 4.36461878664500
 
@@ -193,6 +194,19 @@ def test_films_between_rims_are_closed_along_their_seams(tmp_path: Path) -> None
         assert count(shape, "shell") == 1
         assert free_wires(shape) == (rims, 0, sum(map(len, surface.rims)))
         assert abs(area_of(shape) / solution.area - 1) < 1e-7
+
+
+@pytest.mark.slow
+def test_a_frame_over_masts_keeps_its_corners() -> None:
+    square, places = np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]]), ((5, 5), (-5, 5))
+    rims = [polygon(10 * square, 8), *(sampled(ring(2.5, 2.0, centre=place), 32) for place in places)]
+    solution = spinor_geom.solve_plateau(rims, tolerance=1e-6)
+    assert solution.converged
+    surface = solution.to_nurbs()
+    assert surface.converged
+    assert len(surface.patches) < 50  # not the hundreds of an Ω that is divided into triangles first
+    assert surface.deviations.surface < 1e-6 * surface.deviations.diagonal
+    assert surface.deviations.normals < 0.1
 
 
 def test_units_scale_the_file(tmp_path: Path) -> None:

@@ -129,15 +129,18 @@ class Circles:
             arcs[own] = np.minimum(ahead, np.roll(ahead, 1))
         return arcs
 
-    def poles(self, of: CorneredRims) -> tuple[Complex[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-        """Poles at corners and between circles that nearly touch, and their distances from the circles."""
+    def poles(
+        self, of: CorneredRims
+    ) -> tuple[Complex[np.ndarray, " k"], Float[np.ndarray, " k"], Int[np.ndarray, " j"]]:
+        """Poles at corners, then between circles that nearly touch; their distances from the circles; the corners."""
         rim_of_corner = of.rim_of_corner
         radii, signs = self.radii, self.signs
-        rims, directions, distances = [], [], []
+        rims, directions, distances, counts = [], [], [], []
         turns = cis(signs[rim_of_corner] * self.arguments)
         arcs = self._arcs(rim_of_corner)
         for rim, direction, exponent, arc in zip(rim_of_corner, turns, of.exponents, arcs, strict=True):
             far = cluster(float(exponent), float(arc), of.resolution)
+            counts.append(len(far))
             rims.append(np.full(len(far), rim))
             directions.append(np.full(len(far), direction))
             # the poles of a hole stay between its circle and its centre
@@ -153,4 +156,5 @@ class Circles:
                 directions.append(np.full(count, towards / abs(towards)))
                 distances.append(_FIRST_DISTANCE * radii[rim] * _RATIO ** np.arange(count))
         rim, direction, distance = map(np.concatenate, (rims, directions, distances))
-        return self.centres[rim] + direction * (radii[rim] + signs[rim] * distance), distance
+        positions = self.centres[rim] + direction * (radii[rim] + signs[rim] * distance)
+        return positions, distance, np.repeat(np.arange(len(counts)), counts)

@@ -64,10 +64,13 @@ class CornerForm:
         e = self.circles.radii[side.rim] * cis(sign * argument)
         return e, 1j * sign * arc * side.weights * e
 
-    def functions(self, z: Complex[np.ndarray, " n"]) -> Complex[np.ndarray, "3 n k"]:
+    def functions(
+        self, z: Complex[np.ndarray, " n"], from_poles: Complex[np.ndarray, "n j"] | None = None
+    ) -> Complex[np.ndarray, "3 n k"]:
         """The functions whose real parts span harmonic functions, and their first two derivatives.
 
-        The last ones, one for each hole, are log|z − c|, with the derivatives of log(z − c).
+        The last ones, one for each hole, are log|z − c|, with the derivatives of log(z − c). `from_poles` has the
+        differences of points and poles, where they are known better than those of rounded positions.
         """
         at = z[:, None]
         k = np.arange(1, self.rims.powers[0] + 1)
@@ -80,8 +83,8 @@ class CornerForm:
             inverse, k = 1 / (at - c), np.arange(1, count + 1)
             value = (radius * inverse) ** k
             columns.append(np.stack([value, -k * value * inverse, k * (k + 1) * value * inverse**2]))
-        poles, distances = self.circles.poles(self.rims)
-        inverse = 1 / (at - poles)
+        poles, distances, _ = self.circles.poles(self.rims)
+        inverse = 1 / (at - poles if from_poles is None else from_poles)
         value = distances * inverse
         columns.append(np.stack([value, -value * inverse, 2 * value * inverse**2]))
         inverse = 1 / (at - self.circles.centres[1:])
@@ -91,7 +94,21 @@ class CornerForm:
     @cached_property
     def at_nodes(self) -> Complex[np.ndarray, "3 n k"]:
         """`functions` at the nodes."""
-        return self.functions(self.nodes[0])
+        return self.functions(self.nodes[0], self._from_poles)
+
+    @property
+    def _from_poles(self) -> Complex[np.ndarray, "n j"]:
+        """Differences of nodes and poles; those near the same corner from their distances to it."""
+        (z, _), (poles, distances, corner_of_pole) = self.nodes, self.circles.poles(self.rims)
+        found = z[:, None] - poles
+        for side, rows in zip(self.rims.sides, self.rims.rows, strict=True):
+            sign, (_, arc) = self.circles.signs[side.rim], self.circles.arc(side)
+            for corner, share, ahead in zip(side.corners or (), side.shares, (sign, -sign), strict=False):
+                near, own = np.flatnonzero(share < 0.5), np.flatnonzero(corner_of_pole == corner)
+                turn, outwards = ahead * arc * share[near], cis(sign * self.circles.arguments[corner])
+                away = 2j * self.circles.radii[side.rim] * np.sin(turn / 2) * cis(turn / 2)
+                found[np.ix_(rows.start + near, own)] = outwards * (away[:, None] - sign * distances[own])
+        return np.asarray(found)
 
     @cached_property
     def _galerkin(self) -> tuple[Float[np.ndarray, "n r"], Float[np.ndarray, "k2 r"]]:
@@ -197,15 +214,17 @@ class CorneredSurface:
         """The surface with other angles at corners, over π, another resolution, and modes for gaps between circles."""
         form, old = self.form, self.form.rims
         rims = old.adapted(exponents, resolution, form.circles.places)
-        slides = self.slides.copy()
-        for before, after, columns in zip(old.sides, rims.sides, rims.columns, strict=True):
+        slides = np.empty(rims.columns[-1].stop)
+        sides = zip(old.sides, rims.sides, old.columns, rims.columns, strict=True)
+        for before, after, given, columns in sides:
             if after.corners is None:
+                slides[columns] = self.slides[given]
                 continue
             # beyond the range of another angle, the sum of the modes is continued as a constant
             least = [_CONTINUED if a != b else 0.0 for a, b in zip(before.exponents, after.exponents, strict=True)]
             u = np.clip(after.shares[0], least[0], 1 - least[1])
             shares = np.stack([u, np.maximum(after.shares[1], least[1])])
-            sums = before.base(shares) + before.modes(shares) @ self.slides[columns] - after.base(shares)
+            sums = before.base(shares) + before.modes(shares) @ self.slides[given] - after.base(shares)
             slides[columns] = np.linalg.lstsq(after.modes(after.shares), sums, rcond=None)[0]
         return CorneredSurface(form=replace(form, rims=rims), slides=slides)
 

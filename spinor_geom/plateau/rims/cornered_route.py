@@ -21,7 +21,7 @@ from scipy.integrate import cumulative_trapezoid
 from spinor_geom.arrays import EPS, NUMPY, cis, to_numpy, unit
 from spinor_geom.domain.plane_domain import TOWARDS_CORNER, PlaneDomain, SplineBoundary, panel_breaks
 from spinor_geom.domain.quadrature import path_to
-from spinor_geom.errors import OutOfTimeError, SurfaceError, UnresolvedRimsError
+from spinor_geom.errors import OutOfTimeError, SurfaceError
 from spinor_geom.holomorphic.circular_domain import CircularDomain, centring, turned
 from spinor_geom.holomorphic.poles import Poles
 from spinor_geom.mesh.curve import BoundaryCurve
@@ -33,7 +33,7 @@ from spinor_geom.plateau.rims.capacity_path import mean_modulus
 from spinor_geom.plateau.rims.circles import Circles
 from spinor_geom.plateau.rims.cornered import CorneredSurface, CornerForm
 from spinor_geom.plateau.rims.cornered_newton import ROUGHLY, stationary
-from spinor_geom.plateau.rims.sides import RESOLUTIONS, CorneredRims, Side
+from spinor_geom.plateau.rims.sides import FINE, ROUGH, CorneredRims, Side
 from spinor_geom.plateau.rims.starts import OrientedSurface
 from spinor_geom.plateau.route_result import RimsResult, RouteResult
 from spinor_geom.surface.array_surface import PATH_ORDER
@@ -45,6 +45,8 @@ _LEAST_EDGES = 6  # of a side
 _FREQUENCIES = 10, 96  # least and largest number of frequencies of a rim without corners
 _SPECTRUM = 1e-7  # share of the amplitude of Γ above the frequencies of the slide, which has half of them
 _SAMPLES = 256  # of Γ for its spectrum, and of a side for the gap
+_NULL = 0.03  # largest |φ·φ|/|φ|² where the signs of p and q are known
+_FOR_AREAS = 1e-4  # distance from Γ, in mean edges, from which areas are off by 1e-6 and more
 # Least number of poles in a hole, and the share of powers as high as their number that enter lower ones
 _FEWEST_IN_HOLE, _ALIAS = 20, 1e-8
 # Modes of the start's slides that are fitted to nodes, and the least share of a side between these and its ends
@@ -63,22 +65,19 @@ def solve_with_corners(problem: PlateauProblem, oriented: OrientedSurface) -> Ro
     start = _Start.of(problem, oriented)
     with problem.clock.stage("slides"):
         surface, _ = stationary(start.surface, problem.steps, ROUGHLY)
-        surface, _ = stationary(surface.refitted(start.exponents, RESOLUTIONS[0]), problem.steps)
+        surface, _ = stationary(surface.refitted(start.exponents, ROUGH), problem.steps)
         are_right = surface.are_conformal_at_corners()
         if not are_right.all():
             exponents = np.where(are_right, start.exponents, 2 - start.exponents)
-            surface, _ = stationary(surface.refitted(exponents, RESOLUTIONS[0]), problem.steps)
+            other, _ = stationary(surface.refitted(exponents, ROUGH), problem.steps)
+            surface = min(surface, other, key=lambda one: one.energy)
     best = _Lifted(problem=problem, curves=start.curves, surface=surface)
-    try:
-        for resolution in RESOLUTIONS[1:]:
-            if problem.excess(best.fitted.misfit) <= 1:
-                break
-            with problem.clock.stage("slides"):
-                exponents = surface.form.rims.exponents
-                surface, _ = stationary(surface.refitted(exponents, resolution), problem.steps)
-            best = min(best, replace(best, surface=surface), key=lambda one: one.fitted.misfit.rms)
-    except (OutOfTimeError, UnresolvedRimsError):  # keep the surface so far
-        pass
+    if best.is_near(best.fitted):
+        return best.result(oriented)
+    with suppress(OutOfTimeError, SurfaceError):  # a finer surface that fails is not used
+        with problem.clock.stage("slides"):
+            surface, _ = stationary(surface.refitted(surface.form.rims.exponents, FINE), problem.steps)
+        best = min(best, replace(best, surface=surface), key=lambda one: one.fitted.misfit.rms)
     return best.result(oriented)
 
 
@@ -207,10 +206,14 @@ class _Lifted:
     curves: tuple[BoundaryCurve, ...]
     surface: CorneredSurface
 
+    def is_near(self, fitted: Fitted) -> bool:
+        """Whether a surface is within the tolerance, and near enough for areas to six digits."""
+        return self.problem.excess(fitted.misfit) <= min(1.0, _FOR_AREAS / self.problem.options.tolerance)
+
     def result(self, oriented: OrientedSurface) -> RouteResult:
         """The minimal surface, fitted to Γ if that of p and q misses the tolerance."""
         solver, fitted = NetworkSolver(problem=self.problem), self.fitted
-        if self.problem.excess(fitted.misfit) > 1:
+        if not self.is_near(fitted):
             with suppress(OutOfTimeError):
                 fitted = min(fitted, solver.brought_nearer(fitted), key=lambda one: one.misfit.rms)
         rims_result = RimsResult(
@@ -254,7 +257,7 @@ class _Lifted:
     def _poles(self) -> Poles:
         """Those of the harmonic surface, and poles in the holes in place of powers."""
         form = self.surface.form
-        positions, scales = form.circles.poles(form.rims)
+        positions, scales, _ = form.circles.poles(form.rims)
         poles = Poles(positions=positions, scales=scales)
         circles = zip(form.circles.centres[1:], form.circles.radii[1:], form.rims.powers[1:], strict=True)
         for centre, radius, powers in circles:
@@ -275,7 +278,7 @@ class _Lifted:
         """The circles, from their first corners on."""
         circles, boundaries = self.surface.form.circles, []
         # of edges towards a corner with an angle below 180°; panels are shorter
-        levels = self.surface.form.rims.resolution.halvings // 2 - len(TOWARDS_CORNER)
+        levels = self.surface.form.rims.resolution.halvings // 2 - len(TOWARDS_CORNER) // 2
         for rim, (centre, radius, sign) in enumerate(zip(circles.centres, circles.radii, circles.signs, strict=True)):
             arguments = self._ends(rim)
             parts = []
@@ -321,9 +324,15 @@ class _Lifted:
     def _spinors(
         self, z: Complex[np.ndarray, " n"], branches: Sequence[complex] = ()
     ) -> tuple[Complex[np.ndarray, " n"], Complex[np.ndarray, " n"]]:
-        """Values of p and q along a path, over the product of √(z − c), with continuous signs."""
+        """Values of p and q along a path, over the product of √(z − c), with continuous signs.
+
+        Where the surface is far from conformal, as in a corner that it leaves outwards, they are those before.
+        """
         squared = (z[:, None] - np.array(branches, dtype=np.complex128)).prod(axis=-1)
-        return spinors_from_phi(self.surface.null_curve(z) / squared[:, None])
+        phi = self.surface.null_curve(z) / squared[:, None]
+        is_null = np.abs((phi * phi).sum(axis=1)) < _NULL * (np.abs(phi) ** 2).sum(axis=1)
+        nearest = np.maximum.accumulate(np.where(is_null, np.arange(len(z)), is_null.argmax()))
+        return spinors_from_phi(phi[nearest])
 
     def _joined(
         self, domain: PlaneDomain, z: Sequence[Complex[np.ndarray, " _"]], branches: Sequence[complex]

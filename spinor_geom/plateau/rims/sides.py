@@ -19,7 +19,6 @@ from spinor_geom.domain.quadrature import rule
 from spinor_geom.plateau.curve_tensors import CurveTensors
 
 _DECAY = 4.0  # σ in the distances exp(−σ(√n − √k)) of poles from a corner
-_MODES = 20  # degree of the Chebyshev polynomials of a side's slide; with 12 φ·φ is ten times as large
 _POWERS = 8  # powers of a circle's coordinate for each of its sides
 _LEAST_HALVINGS = 10
 _EVEN = 0.0625, 0.125, 0.25, 0.375, 0.5  # ends of panels far from corners
@@ -31,10 +30,11 @@ class Resolution(NamedTuple):
 
     halvings: int  # of the panels towards a corner with α = π/2; fewer for larger angles
     nodes: int  # of a panel
+    degree: int  # of the Chebyshev polynomials of a side's slide
 
 
-# At corners of 90° the first keeps the boundary within 2e-4 of a side, the second within 2e-5.
-RESOLUTIONS = Resolution(24, 10), Resolution(32, 12)
+# At corners of 90° the boundary is within 2e-4 of a side, and within 5e-6.
+ROUGH, FINE = Resolution(24, 10, 20), Resolution(36, 14, 20)
 
 _Shares: TypeAlias = Float[np.ndarray, "*n"]
 
@@ -55,6 +55,7 @@ class Side:
     frequencies: int  # of the Fourier modes of a whole rim
     shares: Float[np.ndarray, "2 n"]  # u and 1 − u
     weights: Float[np.ndarray, " n"]  # of integrals over u
+    degree: int = 0  # of the polynomials of its slide
     place: Callable[[_Shares], _Shares] = (
         _evenly  # v as a function of u in [0, 1]: slides are smooth functions of v, also at narrow gaps
     )
@@ -81,6 +82,7 @@ class Side:
             frequencies=0,
             shares=np.stack([np.concatenate([ahead, 1 - back[::-1]]), np.concatenate([1 - ahead, back[::-1]])]),
             weights=np.concatenate([ahead_weights, back_weights[::-1]]),
+            degree=resolution.degree,
             place=place,
         )
 
@@ -115,7 +117,7 @@ class Side:
         # powers of u in s are half-integers at right angles
         flattening = min(sum(self.exponents) / 2, 1.0)
         first, last = self._logarithms(shares)
-        return np.asarray(np.polynomial.chebyshev.chebvander(np.tanh(flattening * (first - last) / 2), _MODES))
+        return np.asarray(np.polynomial.chebyshev.chebvander(np.tanh(flattening * (first - last) / 2), self.degree))
 
     def _logarithms(self, shares: Float[np.ndarray, "2 n"]) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
         """Logarithms of v and 1 − v at given u and 1 − u."""
@@ -171,7 +173,7 @@ class CorneredRims:
         corners: Sequence[Float[np.ndarray, " _"]],
         exponents: Sequence[Float[np.ndarray, " _"]],
         frequencies: Sequence[int],
-        resolution: Resolution = RESOLUTIONS[0],
+        resolution: Resolution = ROUGH,
     ) -> CorneredRims:
         """The rims with the ascending parameters of their corners, and the surface's angles there over π.
 
@@ -232,7 +234,7 @@ class CorneredRims:
     @cached_property
     def columns(self) -> tuple[slice, ...]:
         """The modes of each side."""
-        return _slices([_MODES + 1 if side.corners else 2 * side.frequencies - 1 for side in self.sides])
+        return _slices([side.degree + 1 if side.corners else 2 * side.frequencies - 1 for side in self.sides])
 
     @cached_property
     def modes(self) -> Float[np.ndarray, "n k"]:
