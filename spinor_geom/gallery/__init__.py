@@ -13,7 +13,6 @@ from spinor_geom.gallery.curves import scherk as scherk
 from spinor_geom.gallery.curves import slit as slit
 from spinor_geom.gallery.curves import tennis_seam as tennis_seam
 from spinor_geom.gallery.curves import twisted_circle as twisted_circle
-from spinor_geom.gallery.curves import zigzag_rim as zigzag_rim
 from spinor_geom.gallery.known import KnownCurve as KnownCurve
 from spinor_geom.gallery.known import KnownDisk as KnownDisk
 from spinor_geom.gallery.known import KnownPatch as KnownPatch

@@ -120,15 +120,6 @@ def l_shape(rise: float = 0.0) -> KnownCurve:
     return polygon(vertices, name=f"L-shape on z = {rise:g}xy", source="three unit squares")
 
 
-def zigzag_rim(sides: int = 20, height: float = 0.1) -> KnownCurve:
-    """A closed polygon with vertices equally spaced around the unit cylinder, alternately at z = ±height."""
-    if sides < 4 or sides % 2:
-        raise OptionError(f"a zigzag rim needs an even number of sides of at least 4, got {sides}")
-    angle = 2 * np.pi * np.arange(sides) / sides
-    vertices = np.stack([np.cos(angle), np.sin(angle), height * (-1.0) ** np.arange(sides)], axis=1)
-    return polygon(vertices, name=f"zigzag rim of {sides} sides")
-
-
 def scherk(side: float = 2.0) -> KnownCurve:
     """The boundary of Scherk's graph z = log(cos y/cos x) over a square about 0 of a side less than π."""
     if not 0 < side < np.pi:

@@ -44,9 +44,7 @@ class Zero:
     order: int  # multiplicity
 
 
-def find_zeros(
-    function: HolomorphicFunction, domain: PlaneDomain, *, resolution: float = RESOLUTION
-) -> tuple[Zero, ...]:
+def find_zeros(function: HolomorphicFunction, domain: PlaneDomain) -> tuple[Zero, ...]:
     """All zeros in Ω of a function that is holomorphic on Ω and its boundary, ordered by real, then imaginary part.
 
     Positions are exact to round-off. Zeros nearer to each other than the resolution, a share of the domain's diameter,
@@ -63,7 +61,7 @@ def find_zeros(
         t = (np.arange(starts * count) + 0.5) / (starts * count)
         start, apart = (
             np.concatenate([boundary.point(t) for boundary in domain.boundaries]),
-            relative * resolution * domain.diameter,
+            relative * RESOLUTION * domain.diameter,
         )
         limits = _newton_limits(function, domain, start, 0.1 * apart)
         pairs = cKDTree(plane_coordinates(limits)).query_pairs(apart, output_type="ndarray")
