@@ -243,7 +243,7 @@ class MeshFile(Shown):
         if follows:
             return notes + named.notes, named.files, None
         texture = appearance.texture or named.texture
-        if texture is not None and texture.is_embeddable and suffix in TEXTURED and "uv" in self.contents.attributes:
+        if texture is not None and texture.media_type and suffix in TEXTURED and "uv" in self.contents.attributes:
             return notes, {}, texture
         reason = f"{suffix} files hold none" if suffix not in TEXTURED else "only a single texture can be converted"
         if suffix in TEXTURED and "uv" not in self.contents.attributes:

@@ -13,6 +13,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from jaxtyping import Float, Int
 
+from spinor_geom.adapters.cad_edges import parts_of
 from spinor_geom.errors import CadFileError, OptionError, require
 from spinor_geom.files import atomic_path
 from spinor_geom.mesh.rational_splines import NurbsCurve, NurbsPatch
@@ -204,18 +205,15 @@ def triangulated(shape: Any) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, 
     """
     from OCP.BRep import BRep_Tool
     from OCP.BRepMesh import BRepMesh_IncrementalMesh
-    from OCP.TopAbs import TopAbs_FACE, TopAbs_REVERSED
-    from OCP.TopExp import TopExp_Explorer
+    from OCP.TopAbs import TopAbs_REVERSED
     from OCP.TopLoc import TopLoc_Location
     from OCP.TopoDS import TopoDS
 
     BRepMesh_IncrementalMesh(shape, *_DEFLECTION)
-    to_face = getattr(TopoDS, "Face_s", None) or TopoDS.Face
     vertices: list[tuple[float, float, float]] = []
     faces: list[list[int]] = []
-    explorer = TopExp_Explorer(shape, TopAbs_FACE)
-    while explorer.More():
-        face, place, start = to_face(explorer.Current()), TopLoc_Location(), len(vertices)
+    for found in parts_of(shape, "FACE"):
+        face, place, start = TopoDS.Face(found), TopLoc_Location(), len(vertices)
         part = BRep_Tool.Triangulation_s(face, place)
         nodes, count = (part.NbNodes(), part.NbTriangles()) if part else (0, 0)
         points = (part.Node(number + 1).Transformed(place.Transformation()) for number in range(nodes))
@@ -223,7 +221,6 @@ def triangulated(shape: Any) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, 
         order = -1 if face.Orientation() == TopAbs_REVERSED else 1
         corners = (part.Triangle(number + 1).Get()[::order] for number in range(count))
         faces += [[start + corner - 1 for corner in three] for three in corners]
-        explorer.Next()
     if not faces:
         raise CadFileError("the CAD file has no faces to draw; 'spinor-geom solve' spans its edges by a surface")
     return np.array(vertices), np.array(faces)

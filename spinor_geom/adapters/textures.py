@@ -45,14 +45,9 @@ class Texture:
     name: str
 
     @property
-    def media_type(self) -> str:
-        """As in `EMBEDDED`."""
-        return EMBEDDED[PurePosixPath(self.name).suffix.lower()]
-
-    @property
-    def is_embeddable(self) -> bool:
-        """Whether GLB files hold images of this format."""
-        return PurePosixPath(self.name).suffix.lower() in EMBEDDED
+    def media_type(self) -> str | None:
+        """As in `EMBEDDED`, or None if GLB files do not hold images of this format."""
+        return EMBEDDED.get(PurePosixPath(self.name).suffix.lower())
 
     def pixels(self, largest: int) -> UInt8[np.ndarray, "h w 3"]:
         """The image with at most `largest` pixels on its longer side.

@@ -1,4 +1,4 @@
-"""The files of a run: CSV, Markdown, and a page with plots, the same tables and the pictured cut-outs."""
+"""The files of a run: CSV, and a page with plots, tables and the pictured cut-outs."""
 
 import csv
 import html
@@ -22,7 +22,7 @@ from spinor_geom.files import together, write_text
 from spinor_geom.render.page import Table, Views, cell, document
 from spinor_geom.render.scene import Faces, Scale, Scene
 
-PAGE, TABLES, CSV = "report.html", "tables.md", "records.csv"
+PAGE, CSV = "report.html", "records.csv"
 LOCAL = ("key", "data", "view", "repeat", "output", "seconds_all")  # fields that the CSV leaves out
 _GAP = 1.15  # distance between the pieces of a view, per width
 _FIELDS = (
@@ -37,10 +37,7 @@ _short = partial(shorten, width=160, placeholder="…")
 
 def write(run: Run) -> None:
     """Writes the files of a run into its folder, all or none."""
-    shown = [*tables(run.records), option_table(), promise_table(promises(run.records))]
-    text = "\n\n".join([machine_text(run.description["machine"]), *(table.markdown() for table in shown if table.rows)])
     with together():
-        write_text(run.folder / TABLES, text + "\n")
         write_text(run.folder / CSV, csv_text(run.records))
         write_text(run.folder / PAGE, page_text(run))
 

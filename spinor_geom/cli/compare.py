@@ -8,6 +8,7 @@ from spinor_geom.cli.console import ExitStatus, complain, progress, show_lines
 from spinor_geom.cli.source import read_surface, require_writable
 from spinor_geom.comparison import Comparison, compare
 from spinor_geom.errors import OptionError, SpinorGeomError
+from spinor_geom.files import write_text
 from spinor_geom.fill.loop_choice import boundary_loops, chosen_indices
 from spinor_geom.render.page import require_html
 
@@ -41,7 +42,7 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
         from spinor_geom.render.comparison_page import comparison_page
 
         arguments.output.parent.mkdir(parents=True, exist_ok=True)
-        comparison_page(found, arguments.output, title=f"Minimal surfaces over {arguments.input.name}")
+        write_text(arguments.output, comparison_page(found, title=f"Minimal surfaces over {arguments.input.name}"))
     if arguments.json:
         show_lines(json.dumps({name: one.to_dict() for name, one in found.items()}, indent=2), piped=True)
     else:

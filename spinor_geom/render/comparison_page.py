@@ -3,32 +3,22 @@
 from __future__ import annotations
 
 import html
-import os
 from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from spinor_geom.comparison import Comparison
-from spinor_geom.files import write_text
 from spinor_geom.measures import distances_to_mesh
-from spinor_geom.render.page import Views, document, require_html, table
+from spinor_geom.render.page import Views, document, table
 from spinor_geom.render.scene import Faces, Scale, Scene, overview
 
 _DISTANCE = "distance to the exact surface, mesh units"
 _GAP = 1.15  # from one mesh to the next, in widths
 
 
-def comparison_page(
-    comparisons: Mapping[str, Comparison], path: str | os.PathLike[str] | None = None, *, title: str
-) -> str:
-    """A page in one file with a table and a view of both meshes for each comparison, by name, such as "loop 0".
-
-    The page is returned, and written to `path`. Raises an OptionError for another suffix than .html,
-    and an OSError if the file cannot be written.
-    """
-    if path is not None:
-        require_html(path)
+def comparison_page(comparisons: Mapping[str, Comparison], *, title: str) -> str:
+    """A page in one file with a table and a view of both meshes for each comparison, by name, such as "loop 0"."""
     views, body = Views(), [f"<h1>{html.escape(title)}</h1>"]
     for name, comparison in comparisons.items():
         (head, *rows), layers = comparison.rows(), _side_by_side(comparison)
@@ -39,10 +29,7 @@ def comparison_page(
             unit="mesh units",
         )
         body += [f"<h2>{html.escape(name)}</h2>", table(head, rows), views.figure(scene)]
-    text = document(title, [*body, views.script()])
-    if path is not None:
-        write_text(path, text)
-    return text
+    return document(title, [*body, views.script()])
 
 
 def _side_by_side(comparison: Comparison) -> list[Faces]:
