@@ -196,6 +196,8 @@ def finite(value: Any) -> Any:
 
 def printable(text: str) -> str:
     """Text with ? for undecodable bytes and for control characters, which a terminal would execute."""
+    if text.isprintable():  # true for nearly all, and a hundred times as fast
+        return text
     return "".join(character if character.isprintable() else "?" for character in text)
 
 

@@ -67,12 +67,12 @@ def find_boundary_loops(mesh: TriangleMesh, sheets: Sheets | None = None) -> lis
     number, of_loop = np.append(number[:, 0], number[is_other, 1]), np.append(of_loop, of_loop[is_other])
     order = np.lexsort((of_loop, number))
     junctions, bounds = overlaps.junctions[of_loop[order]], np.searchsorted(number[order], np.arange(len(beside) + 1))
-    loops = []
+    loops, perimeters = [], []
     for (start, end), ends_of, near in zip(pairwise(traced.starts), pairwise(bounds), beside, strict=True):
         part = slice(start, end)
         vertices, own = traced.vertices[part], points[part]
         lengths = edge_lengths(own)
-        perimeter = float(lengths.sum())
+        perimeters.append(perimeter := float(lengths.sum()))
         entry, edge = junctions[slice(*ends_of)].T
         loop = BoundaryLoop(
             points=own,
@@ -87,7 +87,8 @@ def find_boundary_loops(mesh: TriangleMesh, sheets: Sheets | None = None) -> lis
             remarks=tuple(defects.remarks(vertices, traced.half_edges[part])),
         )
         loops.append(loop)
-    return sorted(loops, key=lambda loop: (-loop.perimeter, int(loop.vertex_ids.min())))
+    order = np.lexsort((np.minimum.reduceat(traced.vertices, traced.starts[:-1]), -np.array(perimeters)))
+    return [loops[k] for k in order.tolist()]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -201,7 +202,7 @@ def nurbs_surface(solution: PlateauSolution, tolerance: float) -> NurbsSurface:
         if disk is not None and disk.is_representable and missed <= tolerance * diagonal / NEARER_AT_RIMS:
             return _exact(disk, diagonal, missed, tolerance)
         rims = Rim.all_of(solution)
-        mesh, fit, sample = _one_patch(solution, rims, tolerance * diagonal) or _patches(solution, rims, tolerance)
+        mesh, fit, sample = _fitted(solution, rims, tolerance)
         patches = tuple(
             NurbsPatch(control_points=net, weights=np.ones(net.shape[:2]), knots=(u.knots, v.knots))
             for net, (u, v) in zip(fit.nets, fit.spaces, strict=True)
@@ -284,19 +285,23 @@ def _within(solution: PlateauSolution, allowed: float) -> PlateauSolution:
     return solution
 
 
-def _one_patch(solution: PlateauSolution, rims: Sequence[Rim], allowed: float) -> tuple[QuadMesh, Fit, Sampler] | None:
-    """One patch over a curve with 2 to 4 corners, or None if it would be folded or is not near enough.
+def _fitted(solution: PlateauSolution, rims: tuple[Rim, ...], tolerance: float) -> tuple[QuadMesh, Fit, Sampler]:
+    """One patch over a curve with 2 to 4 corners, otherwise several: where it would be folded or is not near enough.
 
-    At the time limit it is kept as it is.
+    A patch that is not near enough is kept at the time limit, and where Ω cannot be divided.
     """
     patch = OnePatch.of(solution.array_surface, rims)
     if patch is None:
-        return None
+        return _patches(solution, rims, tolerance)
+    allowed = tolerance * max(rim.loop.diagonal for rim in solution.rims)
     fit = fitted(patch.mesh, patch.on, allowed)
     for side in np.flatnonzero(patch.collapsed).tolist():
         row = fit.nets[0][on_side(side)]
         row[:] = row[0]
-    return (patch.mesh, fit, patch.on) if fit.error <= allowed or is_out_of_time() else None
+    if fit.error > allowed and not is_out_of_time():
+        with suppress(DomainError):  # a part of Ω is too narrow, as at a sharp angle
+            return _patches(solution, rims, tolerance)
+    return patch.mesh, fit, patch.on
 
 
 def _patches(solution: PlateauSolution, rims: tuple[Rim, ...], tolerance: float) -> tuple[QuadMesh, Fit, Sampler]:

@@ -1,9 +1,13 @@
 """Frames with two to four corners become one patch whose lines follow the frame."""
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import spinor_geom
+from spinor_geom.adapters.open_cascade import read_shape
 from spinor_geom.gallery import curves
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.nurbs.one_patch import OnePatch
@@ -48,6 +52,19 @@ def test_surfaces_over_two_or_three_sides_are_one_patch(sides: list[np.ndarray])
     assert abs(surface.area / solution.area - 1) < 1e-6
     assert is_valid(surface.shell())
     assert free_wires(surface.shell()) == (1, 0, len(sides))
+
+
+@pytest.mark.parametrize("degrees", [10, 5])
+def test_a_patch_with_a_sharp_angle_meets_its_frame(degrees: float, tmp_path: Path) -> None:
+    tip = np.radians(degrees)
+    corners = np.array([[0, 0, 0], [10, 0, 0], [12, 1, 2], [10 * np.cos(tip), 10 * np.sin(tip), 0]])
+    solution = spinor_geom.solve_plateau(curves.polygon(corners))
+    surface = replace(solution, solved_to=None).to_nurbs()  # no nearer solution: Ω cannot be divided at the tip
+    assert len(surface.patches) == 1
+    assert not surface.converged
+    assert surface.deviations.rim < 1e-9 * surface.deviations.diagonal
+    surface.save(tmp_path / "film.step")
+    assert is_valid(read_shape(tmp_path / "film.step"))
 
 
 def test_folded_patches_are_not_made() -> None:
