@@ -1,4 +1,4 @@
-"""Cables and fixed edges of a membrane, as curves with linear shape functions."""
+"""Edges of a membrane: cables as curves with linear shape functions, fixed edges, and rings."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
-from numpy.polynomial.legendre import Legendre
+from numpy.polynomial import legendre
 from numpy.typing import ArrayLike
 from scipy.interpolate import BSpline, make_interp_spline
 
@@ -18,6 +18,7 @@ from spinor_geom.mesh.open_curve import OpenCurve
 DEGREE = 16  # of the polynomials of a cable
 _TURN_SAMPLES = 1000  # of a fixed edge for its total curvature
 _QUADRATURE = 48  # Gauss-Legendre nodes for its length
+_HALF_ANGLES = np.linspace(1e-3, np.pi - 1e-3, 3000)  # of arcs, for their lengths per chord
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,14 +47,50 @@ class Cable:
         for name in ("tension", "length"):
             if getattr(self, name) is not None:
                 require_positive(name, getattr(self, name))
-        ends = np.asarray([self.start, self.end], dtype=np.float64)
-        if ends.shape != (2, 3) or not np.isfinite(ends).all():
+        if np.shape(self.start) != (3,) or np.shape(self.end) != (3,) or not np.isfinite(self.ends).all():
             raise OptionError(f"the ends of a cable are two points in space, got {self.start!r} and {self.end!r}")
-        chord = float(np.linalg.norm(ends[1] - ends[0]))
-        if chord == 0:
-            raise OptionError(f"both ends of a cable are {ends[0].tolist()}; give two points")
-        if self.length is not None and self.length <= chord:
-            raise OptionError(f"a cable of length {self.length:g} is too short for ends {chord:g} apart; lengthen it")
+        if self.chord == 0:
+            raise OptionError(f"both ends of a cable are {self.ends[0].tolist()}; give two points")
+        if self.length is not None and self.length <= self.chord and not isinstance(self, Stay):
+            raise OptionError(
+                f"a cable of length {self.length:g} is too short for ends {self.chord:g} apart; lengthen it"
+            )
+
+    @property
+    def ends(self) -> Float[np.ndarray, "2 3"]:
+        """Both ends."""
+        return np.asarray([self.start, self.end], dtype=np.float64)
+
+    @property
+    def chord(self) -> float:
+        """The distance of the ends."""
+        return float(np.linalg.norm(self.ends[1] - self.ends[0]))
+
+
+class Stay(Cable):
+    """A straight cable outside the film, which holds its start.
+
+    The position of the start follows from the forces there; the given one is where its search starts. It is a corner
+    between cables of the film, or the start of other stays. The end is fixed unless another stay starts there.
+    """
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ring:
+    """A closed rigid rim of the film, such as the head of a mast.
+
+    Attributes:
+        points: (m, 3) points in order, in mesh units.
+        force: that pulls the ring along the z axis; its height follows, and the given one is where the search starts.
+            None for a fixed ring.
+    """
+
+    points: ArrayLike
+    force: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.force is not None and not np.isfinite(self.force):
+            raise OptionError(f"the force of a ring must be finite, got {self.force}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,53 +99,81 @@ class CableEdge:
 
     cable: Cable
 
+    @property
+    def degree(self) -> int:
+        """The degree of c."""
+        return 1 if isinstance(self.cable, Stay) else DEGREE
+
     @cached_property
-    def _functions(self) -> list[Legendre]:
-        ends = [Legendre([0.5, -0.5], domain=[0, 1]), Legendre([0.5, 0.5], domain=[0, 1])]
-        return [*ends, *(Legendre.basis(k, domain=[0, 1]).integ(lbnd=0) for k in range(1, DEGREE))]
+    def _derivatives(self) -> list[Float[np.ndarray, "k k"]]:
+        """Legendre coefficients of B and its derivatives, by columns."""
+        own = legendre.legint(np.eye(self.degree + 1), scl=0.5, lbnd=-1)[: self.degree + 1, 1 : self.degree]
+        ends = np.zeros((self.degree + 1, 2))
+        ends[:2] = [[0.5, 0.5], [-0.5, 0.5]]
+        first = np.concatenate([ends, own], axis=1)
+        return [first, *(np.atleast_2d(legendre.legder(first, m, scl=2)) for m in (1, 2))]
 
     def shapes(self, x: Float[np.ndarray, " n"], order: int = 0) -> Float[np.ndarray, "n k"]:
         """B(x), or a derivative."""
-        return np.stack([(f.deriv(order) if order else f)(x) for f in self._functions], axis=-1)
+        coefficients = self._derivatives[order]
+        return np.asarray(legendre.legvander(2 * x - 1, len(coefficients) - 1) @ coefficients)
 
     @cached_property
-    def _at_nodes(self) -> tuple[Float[np.ndarray, "n k"], Float[np.ndarray, " n"]]:
+    def _at_nodes(self) -> tuple[Float[np.ndarray, " n"], list[Float[np.ndarray, "n k"]]]:
+        """Weights of a quadrature, and B with its derivatives at the nodes."""
         nodes, weights = gauss_nodes(_QUADRATURE)
-        return self.shapes((nodes + 1) / 2, 1), weights / 2
+        return weights / 2, [self.shapes((nodes + 1) / 2, order) for order in (0, 1, 2)]
 
-    def start(self, towards: Float[np.ndarray, "3"], size: float) -> Float[np.ndarray, "k 3"]:
-        """Control points of a parabola that is bent towards a point."""
-        ends = np.asarray([self.cable.start, self.cable.end], dtype=np.float64)
-        chord = float(np.linalg.norm(ends[1] - ends[0]))
-        across = towards - ends.mean(axis=0)
-        across -= (across @ (ends[1] - ends[0])) * (ends[1] - ends[0]) / chord**2
-        reach = np.linalg.norm(across)
-        if self.cable.tension is None:
-            sag = np.sqrt(3 / 8 * ((self.cable.length or chord) - chord) * chord)
-        else:
-            sag = chord**2 / (8 * self.cable.tension)
-        control = np.zeros((DEGREE + 1, 3))
-        control[:2] = ends
-        if reach > size * 1e-9:
-            # 4 x (1 − x) is −4 times the first integral, ∫ (2x − 1)
-            control[2] = -4 * min(sag, 0.4 * reach) * across / reach
-        return control
+    @property
+    def half_angle(self) -> float:
+        """Half the angle by which an arc of a circle with this chord, and this length or curvature 1/tension, turns."""
+        cable = self.cable
+        if cable.tension is None:
+            return float(
+                np.interp((cable.length or 0.0) / cable.chord, _HALF_ANGLES / np.sin(_HALF_ANGLES), _HALF_ANGLES)
+            )
+        return float(np.arcsin(min(1.0, cable.chord / (2 * cable.tension))))
+
+    @property
+    def first_tension(self) -> float:
+        """The tension, or for a given length that of an arc of a circle in a plane film."""
+        return self.cable.tension or self.cable.chord / (2 * np.sin(self.half_angle))
+
+    def start(self, inward: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "k 3"]:
+        """Own control points of an arc of a circle, twisted towards directions into the film at x = 0, ½ and 1."""
+        chord = self.cable.chord
+        along = (self.cable.ends[1] - self.cable.ends[0]) / chord
+        across = inward - (inward @ along)[:, None] * along
+        reach = np.linalg.norm(across, axis=1, keepdims=True)
+        # the film is nowhere narrower than a part of the distance to its middle
+        half = min(self.half_angle, 2 * np.arctan(0.8 * float(reach[1, 0]) / chord))
+        across = np.where(reach > 1e-6 * chord, across / np.maximum(reach, 1e-6 * chord), across[1])
+        x = (gauss_nodes(_QUADRATURE)[0] + 1) / 2
+        towards = np.stack([(1 - x) * (1 - 2 * x), 4 * x * (1 - x), x * (2 * x - 1)], axis=1) @ across
+        towards /= np.maximum(np.linalg.norm(towards, axis=1, keepdims=True), np.finfo(float).tiny)
+        angle = half * (2 * x - 1)[:, None]
+        second = -2 * half**2 * chord / np.sin(half) * (np.cos(angle) * towards + np.sin(angle) * along)
+        return np.asarray(legendre.legint(legendre.legfit(2 * x - 1, second, DEGREE - 2), scl=0.5)[1:])
 
     def length_terms(
         self, control: Float[np.ndarray, "k 3"]
     ) -> tuple[float, Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3 k 3"], Float[np.ndarray, "k 3 k 3"]]:
-        """Length with its first and second derivative, and the form ∫ ((X·τ)′)² ds of displacements along it."""
-        slopes, weights = self._at_nodes
+        """Length with its first and second derivative, and a form of displacements along the cable.
+
+        The form is ∫ (f′)² ds less its minimum for given ends, f = X·τ. Area and length do not depend on displacements
+        along the cable with fixed ends, on which it is positive.
+        """
+        weights, (values, slopes, bends) = self._at_nodes
         velocity = slopes @ control
         speed = np.linalg.norm(velocity, axis=1)
         tangent = velocity / speed[:, None]
         across = np.eye(3) - tangent[:, :, None] * tangent[:, None]
         second = np.einsum("n,ni,nj,nab->iajb", weights / speed, slopes, slopes, across, optimize=True)
-        x = (gauss_nodes(_QUADRATURE)[0] + 1) / 2
-        bend = np.einsum("nab,nb->na", across, self.shapes(x, 2) @ control) / speed[:, None]
-        slide = slopes[:, :, None] * tangent[:, None] + self.shapes(x)[:, :, None] * bend[:, None]
+        bend = np.einsum("nab,nb->na", across, bends @ control) / speed[:, None]
+        slide = slopes[:, :, None] * tangent[:, None] + values[:, :, None] * bend[:, None]
+        length, ends = float(weights @ speed), np.einsum("n,nia->ia", weights, slide)
         along = np.einsum("n,nia,njb->iajb", weights / speed, slide, slide, optimize=True)
-        length = float(weights @ speed)
+        along -= ends[:, :, None, None] * ends / length
         return length, np.einsum("n,ni,na->ia", weights, slopes, tangent), second, along
 
 

@@ -7,34 +7,35 @@ of the film that points outwards: the curvature is 1/T, in the tangent plane of 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from time import perf_counter
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.linalg import cho_factor, cho_solve, eigh
 
-from spinor_geom.errors import LoopError, OptionError, OutOfTimeError, SurfaceError, require_positive
+from spinor_geom.errors import LoopError, OutOfTimeError, SurfaceError, require_positive
 from spinor_geom.gradients.area_hessian import boundary_form, rim_terms
 from spinor_geom.gradients.rim_nodes import RimNodes
-from spinor_geom.membrane.cables import DEGREE, Cable, CableEdge, FixedEdge
+from spinor_geom.membrane.cables import Cable, CableEdge, Stay
+from spinor_geom.membrane.frame import Edge, Frame
 from spinor_geom.mesh.curve import ClosedCurve
-from spinor_geom.mesh.open_curve import OpenCurve
 from spinor_geom.plateau.route_result import FAILURES
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.solve import solve_plateau
 from spinor_geom.shown import shortened
 
 _XYZ = np.arange(3)
-_MEETING = 1e-9  # distance of ends that are one point, relative to the size
 _MOST_STEPS = 12
 _STIFF = 20.0
-# Relative to the size: the error after a step below the first is far smaller; below the second, steps that no longer
-# decrease have the size of the film's error; longer ones than the third are shortened.
-_FINAL, _NOISE, _LONGEST = 3e-6, 1e-5, 0.15
+_LEAST = 1e-9  # eigenvalue, relative to the largest one
+# Relative to the size: a predicted next step below the first ends the search, as do steps below the second that do not
+# decrease, because they have the size of the film's error; longer ones than the third are shortened.
+_FINAL, _NOISE, _LONGEST = 1e-7, 1e-5, 0.15
+_BALANCED = 1e-9  # largest force at a free node, relative to the largest tension
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -74,18 +75,23 @@ class Membrane:
 
     Attributes:
         film: the film.
-        cables: the cables, in the order of the edges.
-        supports: the corners of the frame, where edges meet.
-        forces: of the supports on the corners, in units of the surface tension times mesh units.
-        edge_forces: of fixed edges on the film, by edge; 0 for cables.
+        cables: the cables in order around the film, then the stays.
+        supports: the corners of the frame, where edges meet, and other ends of stays.
+        is_free: which of them are free, because a stay starts there.
+        forces: of the supports on the corners, in units of the surface tension times mesh units; 0 if free.
+        edge_forces: of fixed edges and rings on the film, by edge in the order of the arguments and their reflections;
+            0 for cables.
+        heights: displacements of the rings along the z axis.
         steps: sizes of the steps of Newton's method, in mesh units.
     """
 
     film: PlateauSolution
     cables: tuple[CableShape, ...]
     supports: Float[np.ndarray, "n 3"]
+    is_free: Bool[np.ndarray, " n"]
     forces: Float[np.ndarray, "n 3"]
-    edge_forces: Float[np.ndarray, "n 3"]
+    edge_forces: Float[np.ndarray, "e 3"]
+    heights: Float[np.ndarray, " r"]
     steps: tuple[float, ...]
 
     def __repr__(self) -> str:
@@ -98,348 +104,271 @@ class Membrane:
 
     @property
     def total_force(self) -> Float[np.ndarray, "3"]:
-        """Sum of all forces of supports and fixed edges: 0 in equilibrium."""
+        """Sum of all forces of supports, fixed edges and rings: 0 in equilibrium."""
         return np.asarray(self.forces.sum(axis=0) + self.edge_forces.sum(axis=0))
 
 
 def solve_membrane(
-    edges: Sequence[Cable | OpenCurve | ArrayLike],
+    edges: Sequence[Edge],
     *,
+    mirror: ArrayLike | None = None,
     tolerance: float = 1e-4,
     time_limit: float = 60.0,
 ) -> Membrane:
-    """A film of surface tension 1 inside a closed frame of cables and fixed edges.
+    """A film of surface tension 1 inside a closed frame of cables and fixed edges, and between rings.
 
     Args:
-        edges: in order around the frame, each from the end of the one before: cables, and fixed edges, which are
-            `OpenCurve`s without corners or (m, 3) points; two points are a straight line.
+        edges: in any order and direction: cables; fixed edges, which are `OpenCurve`s without corners or (m, 3) points,
+            two of them for a straight line; stays; and rings.
+        mirror: up to three planes, pairs of a point and a normal, in which the edges are reflected.
         tolerance: of the film, as for `solve_plateau`; its boundary is usually nearer by orders of magnitude.
         time_limit: seconds in all; a film in progress may exceed it.
 
     Returns:
-        The film and the cables at a minimum of area + Σ tension · length.
+        The film and the cables at a minimum of area + Σ tension · length − Σ force · height.
 
     Raises:
-        OptionError: the edges do not form a closed frame, or there is no cable.
+        OptionError: the edges do not form a closed frame, or there are less than two.
         SurfaceError: there is no equilibrium near: the film collapses because tensions are too small or cables too
-            long, or Newton's method does not converge.
-        OutOfTimeError: the time limit, which also weak tensions reach.
+            long, no film connects the rings, or Newton's method does not converge.
+        OutOfTimeError: the time limit.
         SpinorGeomError: the errors of `solve_plateau`.
     """
     require_positive("tolerance", tolerance)
     require_positive("time_limit", time_limit, finite=False)
-    frame, begin = _Frame.of(edges), perf_counter()
-    if frame.turns >= np.pi * (len(frame.edges) - 2):
+    frame, begin = Frame.of(edges, mirror), perf_counter()
+    if not frame.rings and frame.turns >= np.pi * (len(frame.edges) - 2):
         raise SurfaceError(_collapsed(frame, "its cables would turn by more than its corners leave room for"))
-    control = frame.start
-    tensions = np.array([one.tension or 0.0 for one in frame.cables])
+    control, tensions = frame.start, np.array([one.first_tension for one in frame.cables])
+    while len(frame.crossed(frame.straight, control)):
+        control = (control + frame.straight) / 2
     steps: list[float] = []
+    is_narrow = False
     while True:
         left = time_limit - (perf_counter() - begin)
         if left <= 0:
             raise OutOfTimeError
-        film = frame.film(control, tolerance, left)
-        state = _State(frame=frame, control=control, film=film)
-        if not steps and len(frame.given):
-            tensions = state.first_tensions(tensions)
-        if (steps and _has_converged(steps, frame.size)) or len(steps) == _MOST_STEPS:
+        state = _State(frame=frame, control=control, film=_film(frame, control, tolerance, left))
+        is_done = _has_converged(steps, frame.size) and state.is_balanced(tensions)
+        if is_done or not len(frame.unknowns) or len(steps) == _MOST_STEPS:
             break
-        step, changes = state.step(tensions)
-        longest = float(np.abs(step).max())
-        share = min(1.0, _LONGEST * frame.size / max(longest, np.finfo(float).tiny))
-        control, tensions = control + share * frame.moves(step), tensions + share * changes
-        steps.append(share * float(np.linalg.norm(frame.moves(step), axis=1).max()))
+        step, changes, is_stable = state.step(tensions)
+        share = min(1.0, _LONGEST * frame.size / max(float(np.abs(step).max()), np.finfo(float).tiny))
+        crossed = frame.crossed(control, control + share * step)
+        if len(crossed) and (is_narrow or len(frame.crossed(control, control + share / 2 * step))):
+            raise SurfaceError(_collapsed(frame, f"its edges would cross at {frame.nodes[crossed[0]].tolist()}"))
+        is_narrow = len(crossed) > 0
+        share = share / 2 if is_narrow else share
+        control, tensions = control + share * step, tensions + share * changes
+        steps.append(share * float(np.linalg.norm(step, axis=1).max()))
         if (tensions <= 0).any():
             raise SurfaceError(_collapsed(frame, "a cable would have to push"))
-    if not _has_converged(steps, frame.size):
+    if steps and not is_stable:
+        raise SurfaceError(_collapsed(frame, "the film is unstable"))
+    if steps and not is_done:
         raise SurfaceError(_collapsed(frame, f"Newton's method did not converge in {len(steps)} steps"))
     return state.membrane(tensions, tuple(steps))
 
 
 def _has_converged(steps: list[float], size: float) -> bool:
-    return steps[-1] <= _FINAL * size or (len(steps) > 1 and 0.3 * steps[-2] < steps[-1] <= _NOISE * size)
+    """Whether, by the last two steps, the next one is negligible, or steps have the size of the film's error."""
+    if len(steps) < 2:
+        return bool(steps) and steps[-1] <= _FINAL * size
+    ratio = steps[-1] / steps[-2]
+    return steps[-1] * min(1.0, ratio) <= _FINAL * size or (ratio > 0.3 and steps[-1] <= _NOISE * size)
 
 
-def _collapsed(frame: _Frame, why: str) -> str:
+def _collapsed(frame: Frame, why: str) -> str:
     """The sentence that no equilibrium was found."""
-    chords = [float(np.linalg.norm(np.subtract(one.end, one.start))) for one in frame.cables]
-    ratios = [(one.tension or 0.0) / chord for one, chord in zip(frame.cables, chords, strict=True) if one.tension]
-    advice = "give shorter cables"
+    cables = [one.cable for one in frame.cables if not isinstance(one.cable, Stay)]
+    ratios = [one.tension / one.chord for one in cables if one.tension is not None]
+    advice = "give shorter cables" if cables else "move the rings together"
     if ratios:
         advice = f"raise the tensions, of which the smallest is {min(ratios):.3g} of the distance of its ends"
     return f"no equilibrium of the film was found: {why}; {advice}"
 
 
+def _film(frame: Frame, control: Float[np.ndarray, "c 3"], tolerance: float, time_limit: float) -> PlateauSolution:
+    """The film inside the frame for control points of the cables."""
+    curves = frame.curves(control)
+    try:
+        film = solve_plateau(curves if frame.rings else curves[0], tolerance=tolerance, time_limit=time_limit)
+    except (LoopError, *FAILURES) as error:
+        raise SurfaceError(_collapsed(frame, f"its edges do not bound a film ({error})")) from error
+    if not isinstance(film, PlateauSolution):
+        raise SurfaceError(_collapsed(frame, film.reason))
+    return film
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Frame:
-    """The edges of a membrane: control points 0 … n − 1 are the corners, then come those of each cable."""
+class _Piece:
+    """Nodes on a rim of the film that move with some control points: shape functions B there and their derivatives."""
 
-    edges: tuple[CableEdge | FixedEdge, ...]
-    corners: Float[np.ndarray, "n 3"]
-    size: float
-
-    @classmethod
-    def of(cls, given: Sequence[Cable | OpenCurve | ArrayLike]) -> _Frame:
-        edges: list[CableEdge | FixedEdge] = []
-        ends = []
-        for number, one in enumerate(given):
-            if isinstance(one, Cable):
-                edges.append(CableEdge(one))
-                ends.append([one.start, one.end])
-                continue
-            curve = one if isinstance(one, OpenCurve) else OpenCurve(np.asarray(one), corners=())
-            if curve.is_corner.any():
-                raise OptionError(f"fixed edge {number} has corners; divide it there into several edges")
-            edges.append(FixedEdge(curve))
-            ends.append(curve.points[[0, -1]].tolist())
-        if len(edges) < 2 or not any(isinstance(edge, CableEdge) for edge in edges):
-            raise OptionError("a membrane needs two edges or more, at least one of them a cable")
-        places = np.asarray(ends, dtype=np.float64)
-        size = float(np.linalg.norm(np.ptp(places.reshape(-1, 3), axis=0)))
-        gaps = np.linalg.norm(places[:, 1] - np.roll(places[:, 0], -1, axis=0), axis=1)
-        if gaps.max() > _MEETING * size:
-            at = int(gaps.argmax())
-            raise OptionError(
-                f"edge {at} ends {gaps[at]:.3g} away from the start of edge {(at + 1) % len(edges)}; join them"
-            )
-        return cls(edges=tuple(edges), corners=places[:, 0], size=size)
-
-    @cached_property
-    def cable_numbers(self) -> list[int]:
-        """The edges that are cables."""
-        return [k for k, edge in enumerate(self.edges) if isinstance(edge, CableEdge)]
-
-    @cached_property
-    def cables(self) -> list[Cable]:
-        """The cables."""
-        return [edge.cable for edge in self.edges if isinstance(edge, CableEdge)]
-
-    @cached_property
-    def given(self) -> list[int]:
-        """Which cables have a given length."""
-        return [k for k, cable in enumerate(self.cables) if cable.length is not None]
-
-    @property
-    def turns(self) -> float:
-        """A lower bound of the total turn of the cables less that of the fixed edges.
-
-        By the theorem of Gauss and Bonnet, where the Gauss curvature of a film is not positive, its angles at n corners
-        are 0 if this is π (n − 2), and negative beyond.
-        """
-        ends = np.linalg.norm(np.roll(self.corners, -1, axis=0) - self.corners, axis=1)
-        return sum(
-            -own.total_curvature if isinstance(own, FixedEdge) else chord / (own.cable.tension or np.inf)
-            for own, chord in zip(self.edges, ends.tolist(), strict=True)
-        )
-
-    def controls(self, number: int) -> Int[np.ndarray, " k"]:
-        """The control points of a cable."""
-        edge, n = self.cable_numbers[number], len(self.edges)
-        own = n + number * (DEGREE - 1) + np.arange(DEGREE - 1)
-        return np.array([edge, (edge + 1) % n, *own])
-
-    @property
-    def count(self) -> int:
-        """Number of control points."""
-        return len(self.edges) + len(self.cables) * (DEGREE - 1)
-
-    @property
-    def start(self) -> Float[np.ndarray, "c 3"]:
-        """Control points of parabolas towards the middle of the frame with straight cables."""
-        control, x = np.zeros((self.count, 3)), (np.arange(9) + 0.5)[:, None] / 9
-        ends = np.roll(self.corners, -1, axis=0)
-        middles = [
-            (own.point(x[:, 0]) if isinstance(own, FixedEdge) else (1 - x) * a + x * b).mean(axis=0)
-            for own, a, b in zip(self.edges, self.corners, ends, strict=True)
-        ]
-        for number, edge in enumerate(self.cable_numbers):
-            cable = self.edges[edge]
-            assert isinstance(cable, CableEdge)
-            control[self.controls(number)] = cable.start(np.mean(middles, axis=0), self.size)
-        control[: len(self.edges)] = self.corners
-        return control
-
-    def moves(self, step: Float[np.ndarray, "f 3"]) -> Float[np.ndarray, "c 3"]:
-        """Displacements of all control points, from those that are not corners."""
-        return np.concatenate([np.zeros((len(self.edges), 3)), step])
-
-    @cached_property
-    def starts(self) -> Float[np.ndarray, " n1"]:
-        """Parameters of Γ at the corners, in proportion to the chords of the edges."""
-        chords = np.linalg.norm(np.roll(self.corners, -1, axis=0) - self.corners, axis=1)
-        return np.asarray(np.append(0.0, np.cumsum(chords + 0.1 * self.size)) / (chords + 0.1 * self.size).sum())
-
-    def places(self, s: Float[np.ndarray, "*n"]) -> tuple[Int[np.ndarray, "*n"], Float[np.ndarray, "*n"]]:
-        """The edges of parameters of Γ, and the parameters on them."""
-        s = np.mod(s, 1.0)
-        edge = np.searchsorted(self.starts[1:-1], s, side="right")
-        return edge, (s - self.starts[edge]) / np.diff(self.starts)[edge]
-
-    def film(self, control: Float[np.ndarray, "c 3"], tolerance: float, time_limit: float) -> PlateauSolution:
-        """The film inside the frame for control points of the cables."""
-        numbers = {edge: number for number, edge in enumerate(self.cable_numbers)}
-        widths = np.diff(self.starts)
-
-        def derivative(order: int, s: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n 3"]:
-            edge, x = self.places(np.asarray(s))
-            values = np.empty((*np.shape(s), 3))
-            for k, own in enumerate(self.edges):
-                here = edge == k
-                if isinstance(own, CableEdge):
-                    at = own.shapes(x[here], order) @ control[self.controls(numbers[k])]
-                else:
-                    at = own.point(x[here], order)
-                values[here] = at / widths[k] ** order
-            return values
-
-        joints = [
-            self.starts[k] + widths[k] * own.knots[1:-1]
-            for k, own in enumerate(self.edges)
-            if isinstance(own, FixedEdge)
-        ]
-        curve = ClosedCurve(
-            point=lambda s: derivative(0, s),
-            derivative=lambda s: derivative(1, s),
-            second_derivative=lambda s: derivative(2, s),
-            corners=tuple(self.starts[:-1].tolist()),
-            joints=tuple(np.concatenate(joints).tolist()) if joints else (),
-        )
-        try:
-            film = solve_plateau(curve, tolerance=tolerance, time_limit=time_limit)
-        except (LoopError, *FAILURES) as error:
-            raise SurfaceError(_collapsed(self, f"its edges do not bound a film ({error})")) from error
-        assert isinstance(film, PlateauSolution)
-        return film
+    at: Int[np.ndarray, " c"]  # the control points
+    here: Int[np.ndarray, " n"]  # the nodes
+    values: Float[np.ndarray, "n c"]
+    slopes: Float[np.ndarray, "n c"]  # by the parameter of Γ
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _State:
     """A film over cables, with the derivatives of area and lengths in the control points."""
 
-    frame: _Frame
+    frame: Frame
     control: Float[np.ndarray, "c 3"]
     film: PlateauSolution
 
     @cached_property
-    def nodes(self) -> RimNodes:
-        (nodes,) = RimNodes.all_of(self.film)
-        return nodes
+    def nodes(self) -> list[RimNodes]:
+        """Quadrature nodes on each rim."""
+        return RimNodes.all_of(self.film)
 
-    def shapes(self, s: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k c"]:
-        """The shape functions of all control points at parameters of Γ; 0 on fixed edges."""
-        edge, x = self.frame.places(s)
-        values = np.zeros((len(s), self.frame.count))
-        for number, own in enumerate(self.frame.cable_numbers):
-            here = np.flatnonzero(edge == own)
-            cable = self.frame.edges[own]
-            assert isinstance(cable, CableEdge)
-            values[np.ix_(here, self.frame.controls(number))] = cable.shapes(x[here])
-        return values
+    @cached_property
+    def owners(self) -> list[tuple[int, bool]]:
+        """The curve of the frame on which each rim lies, and whether the rim has the opposite direction."""
+        found, curves = [], self.frame.curves(self.control)
+        for rim in self.film.rims:
+            gaps = [
+                np.linalg.norm(curve - rim.loop.points[0], axis=1).min() if isinstance(curve, np.ndarray) else np.inf
+                for curve in curves
+            ]
+            own = int(np.argmin(gaps)) if min(gaps) <= 1e-9 * self.frame.size else len(self.frame.rings)
+            curve, back = curves[own], False
+            if isinstance(curve, ClosedCurve):
+                s = np.array([0.1])
+                back = not np.allclose(curve.point(s), rim.curve.point(s), rtol=0, atol=1e-6 * self.frame.size)
+            found.append((own, back))
+        return found
+
+    def edges_at(self, rim: int, s: Float[np.ndarray, " k"]) -> tuple[Int[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+        """The edges of parameters on a rim, and the parameters on them; rings come after the edges."""
+        own, back = self.owners[rim]
+        if own < len(self.frame.rings):
+            return np.full(len(s), len(self.frame.edges) + own), s
+        return self.frame.places(-s if back else s)
+
+    def pieces(self, rim: int, s: Float[np.ndarray, " k"]) -> Iterator[_Piece]:
+        """The pieces of a rim that move."""
+        frame = self.frame
+        edge, x = self.edges_at(rim, s)
+        for k in np.unique(edge).tolist():
+            here = np.flatnonzero(edge == k)
+            if k >= len(frame.edges):
+                at, ones = frame.ring_controls[[k - len(frame.edges)]], np.ones((len(here), 1))
+                yield _Piece(at=at, here=here, values=ones, slopes=0 * ones)
+            elif k in frame.cable_numbers:
+                number = frame.cable_numbers[k]
+                cable, rate = frame.cables[number], (-1) ** self.owners[rim][1] / np.diff(frame.starts)[k]
+                values, slopes = (cable.shapes(x[here], order) for order in (0, 1))
+                yield _Piece(at=frame.controls[number], here=here, values=values, slopes=slopes * rate)
 
     @cached_property
     def by_area(self) -> Float[np.ndarray, "c 3"]:
         """The gradient of the area."""
-        return np.asarray(self.shapes(self.nodes.places).T @ self.nodes.conormal)
+        gradient = np.zeros_like(self.control)
+        for number, nodes in enumerate(self.nodes):
+            for piece in self.pieces(number, nodes.places):
+                gradient[piece.at] += piece.values.T @ nodes.conormal[piece.here]
+        return gradient
 
     @cached_property
     def lengths(
         self,
     ) -> list[tuple[float, Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3 k 3"], Float[np.ndarray, "k 3 k 3"]]]:
-        frame, found = self.frame, []
-        for number, own in enumerate(frame.cable_numbers):
-            cable = frame.edges[own]
-            assert isinstance(cable, CableEdge)
-            found.append(cable.length_terms(self.control[frame.controls(number)]))
-        return found
-
-    def first_tensions(self, tensions: Float[np.ndarray, " t"]) -> Float[np.ndarray, " t"]:
-        """Tensions of cables of given lengths that balance the film best on the average."""
-        tensions = tensions.copy()
-        for number in self.frame.given:
-            by_length, by_area = self.lengths[number][1][2:], self.by_area[self.frame.controls(number)[2:]]
-            tensions[number] = max(-(by_length * by_area).sum() / (by_length**2).sum(), 0.1 * self.frame.size)
-        return tensions
+        """`length_terms` of each cable."""
+        frame = self.frame
+        return [one.length_terms(self.control[at]) for one, at in zip(frame.cables, frame.controls, strict=True)]
 
     @property
     def by_area_twice(self) -> Float[np.ndarray, "c 3 c 3"]:
         """The second derivative of the area."""
-        film, nodes, frame = self.film, self.nodes, self.frame
-        form = np.zeros((frame.count, 3, frame.count, 3))
-        _, turned, bent = rim_terms(film, nodes)
-        edge, x = frame.places(nodes.places)
-        by_x = np.diff(frame.starts)[edge] * np.linalg.norm(film.curve.derivative(nodes.places), axis=1)
-        for number, own in enumerate(frame.cable_numbers):
-            here, at, cable = edge == own, frame.controls(number), frame.edges[own]
-            assert isinstance(cable, CableEdge)
-            values, slopes = cable.shapes(x[here]), cable.shapes(x[here], 1) / by_x[here, None]
-            count = len(at)
-            for one, matrix in ((slopes, turned), (values, bent)):
-                pairs = np.einsum("kj,kab->kajb", values, matrix[here]).reshape(len(values), -1)
-                form[np.ix_(at, _XYZ, at, _XYZ)] += (one.T @ pairs).reshape(count, 3, count, 3)
-        (rim,) = film.rims
-        t, s = np.concatenate([rim.matching - 1, rim.matching, rim.matching + 1]).T
-        at = np.interp(rim.boundary.parameters[:-1], t, s)
-        normals = film.array_surface.normal(rim.boundary.vertices)
-        u = (self.shapes(at)[:, :, None] * np.where(np.isfinite(normals), normals, 0)[:, None]).reshape(len(at), -1)
-        form += boundary_form(film, u).reshape(form.shape)
+        film, count = self.film, self.frame.count
+        form = np.zeros((count, 3, count, 3))
+        jacobi = []
+        for number, (rim, nodes) in enumerate(zip(film.rims, self.nodes, strict=True)):
+            _, turned, bent = rim_terms(film, nodes)
+            speed = np.linalg.norm(rim.curve.derivative(nodes.places), axis=1)[:, None]
+            for piece in self.pieces(number, nodes.places):
+                at, size = piece.at, len(piece.at)
+                for one, matrix in ((piece.slopes / speed[piece.here], turned), (piece.values, bent)):
+                    pairs = np.einsum("kj,kab->kajb", piece.values, matrix[piece.here]).reshape(len(one), -1)
+                    form[np.ix_(at, _XYZ, at, _XYZ)] += (one.T @ pairs).reshape(size, 3, size, 3)
+            t, s = np.concatenate([rim.matching - 1, rim.matching, rim.matching + 1]).T
+            normals = film.array_surface.normal(rim.boundary.vertices)
+            normals = np.where(np.isfinite(normals), normals, 0)
+            u = np.zeros((len(normals), count, 3))
+            for piece in self.pieces(number, np.interp(rim.boundary.parameters[:-1], t, s)):
+                u[np.ix_(piece.here, piece.at)] = piece.values[:, :, None] * normals[piece.here, None]
+            jacobi.append(u.reshape(len(u), -1))
+        form += boundary_form(film, np.concatenate(jacobi)).reshape(form.shape)
         return np.asarray((form + form.transpose(2, 3, 0, 1)) / 2)
 
-    def step(self, tensions: Float[np.ndarray, " t"]) -> tuple[Float[np.ndarray, "f 3"], Float[np.ndarray, " t"]]:
-        """Newton's step of the control points and of the tensions of cables of given length."""
-        frame, n = self.frame, len(self.frame.edges)
-        second, gradient = self.by_area_twice, self.by_area.copy()
-        sliding = np.zeros_like(second)
-        rows = []
-        for number, tension in enumerate(tensions.tolist()):
-            at = frame.controls(number)
-            length, by_length, twice, along = self.lengths[number]
+    def gradient(self, tensions: Float[np.ndarray, " t"]) -> Float[np.ndarray, "c 3"]:
+        """The gradient of the energy."""
+        frame, gradient = self.frame, self.by_area.copy()
+        for at, tension, (_, by_length, _, _) in zip(frame.controls, tensions.tolist(), self.lengths, strict=True):
             gradient[at] += tension * by_length
-            second[np.ix_(at, _XYZ, at, _XYZ)] += tension * twice
+        gradient[frame.ring_controls, 2] -= [ring.force or 0.0 for ring in frame.rings]
+        return gradient
+
+    def is_balanced(self, tensions: Float[np.ndarray, " t"]) -> bool:
+        """Whether the forces at free nodes balance."""
+        left = self.gradient(tensions)[: len(self.frame.nodes)][self.frame.is_free]
+        return bool(np.abs(left).max(initial=0.0) <= _BALANCED * tensions.max(initial=0.0))
+
+    def step(self, tensions: Float[np.ndarray, " t"]) -> tuple[Float[np.ndarray, "c 3"], Float[np.ndarray, " t"], bool]:
+        """Newton's step of the control points and of the tensions of cables of given length; whether it is stable."""
+        frame, unknowns = self.frame, self.frame.unknowns
+        matrix, gradient = self.by_area_twice, self.gradient(tensions).ravel()[unknowns]
+        rows, misses = [], []
+        for number, (own, tension) in enumerate(zip(frame.cables, tensions.tolist(), strict=True)):
+            at, (length, by_length, twice, along) = frame.controls[number], self.lengths[number]
             # area and length do not depend on displacements along the cable, which are kept small
-            sliding[np.ix_(at, _XYZ, at, _XYZ)] += tension * along
-            if number in frame.given:
-                row = np.zeros((frame.count, 3))
+            matrix[np.ix_(at, _XYZ, at, _XYZ)] += tension * (twice + along)
+            if own.cable.length is not None:
+                row = np.zeros_like(self.control)
                 row[at] = by_length
-                excess = length - (frame.cables[number].length or 0.0)
+                rows.append(row.ravel()[unknowns])
+                misses.append(length - own.cable.length)
                 # a multiple of the constraint, which does not change the step, makes the matrix positive
-                second += _STIFF * tension / length * row[:, :, None, None] * row
-                gradient += _STIFF * tension / length * excess * row
-                rows.append((row[n:].ravel(), excess))
-        size = 3 * (frame.count - n)
-        matrix = (second + sliding)[n:, :, n:].reshape(size, size)
-        try:
-            factor = cho_factor(matrix)
-        except LinAlgError as error:
-            raise SurfaceError(_collapsed(frame, "the film is unstable")) from error
-        move, changes = -cho_solve(factor, gradient[n:].ravel()), np.zeros(len(tensions))
+                matrix += _STIFF * tension / length * row[:, :, None, None] * row
+                gradient += _STIFF * tension / length * misses[-1] * rows[-1]
+        size = matrix.shape[0] * 3
+        values, vectors = eigh(matrix.reshape(size, size)[np.ix_(unknowns, unknowns)])
+        # away from a minimum, absolute values make the step a descent
+        factor = cho_factor((vectors * np.maximum(np.abs(values), _LEAST * values[-1])) @ vectors.T)
+        move, changes = -cho_solve(factor, gradient), np.zeros(len(tensions))
         if rows:
-            constraint, misses = np.stack([row for row, _ in rows]), np.array([one for _, one in rows])
+            constraint = np.stack(rows)
             by_tension = cho_solve(factor, constraint.T)
             more = np.linalg.solve(constraint @ by_tension, misses + constraint @ move)
-            move, changes[frame.given] = move - by_tension @ more, more
-        return move.reshape(-1, 3), changes
+            move -= by_tension @ more
+            changes[[k for k, one in enumerate(frame.cables) if one.cable.length is not None]] = more
+        step = np.zeros(size)
+        step[unknowns] = move
+        return step.reshape(-1, 3), changes, bool(values[0] > 0)
 
     def membrane(self, tensions: Float[np.ndarray, " t"], steps: tuple[float, ...]) -> Membrane:
         """The result."""
-        frame, n = self.frame, len(self.frame.edges)
-        gradient = self.by_area.copy()
-        shapes = []
-        for number, tension in enumerate(tensions.tolist()):
-            at, (length, by_length, _, _) = frame.controls(number), self.lengths[number]
-            gradient[at] += tension * by_length
-            shapes.append(
-                CableShape(cable=frame.cables[number], tension=tension, length=length, control=self.control[at])
+        frame = self.frame
+        shapes = [
+            CableShape(cable=own.cable, tension=tension, length=length, control=self.control[at])
+            for own, tension, (length, _, _, _), at in zip(
+                frame.cables, tensions.tolist(), self.lengths, frame.controls, strict=True
             )
-        edge = frame.places(self.nodes.places)[0]
-        fixed = [
-            self.nodes.conormal[edge == k].sum(axis=0) if isinstance(own, FixedEdge) else np.zeros(3)
-            for k, own in enumerate(frame.edges)
         ]
+        held = np.zeros((len(frame.edges) + len(frame.stays) + len(frame.rings), 3))
+        for number, nodes in enumerate(self.nodes):
+            edge, _ = self.edges_at(number, nodes.places)
+            np.add.at(held, np.where(edge < len(frame.edges), edge, edge + len(frame.stays)), nodes.conormal)
+        held[list(frame.cable_numbers)] = 0
         return Membrane(
             film=self.film,
             cables=tuple(shapes),
-            supports=frame.corners,
-            forces=gradient[:n],
-            edge_forces=np.array(fixed),
+            supports=self.control[: len(frame.nodes)],
+            is_free=frame.is_free,
+            forces=self.gradient(tensions)[: len(frame.nodes)],
+            edge_forces=held[np.argsort(frame.numbers, kind="stable")],
+            heights=self.control[frame.ring_controls, 2],
             steps=steps,
         )

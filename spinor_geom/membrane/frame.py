@@ -1,0 +1,296 @@
+"""The frame of a membrane: its edges in order, with all control points."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import TypeAlias
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from numpy.typing import ArrayLike
+from scipy.spatial.distance import cdist
+
+from spinor_geom.errors import OptionError
+from spinor_geom.membrane.cables import Cable, CableEdge, FixedEdge, Ring, Stay
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.curve import ClosedCurve
+from spinor_geom.mesh.open_curve import OpenCurve
+from spinor_geom.plateau.mirrored import MirrorPlanes
+
+Edge: TypeAlias = Cable | Ring | OpenCurve | ArrayLike
+
+_MEETING = 1e-9  # distance of ends that are one point, relative to the size
+_ENDS = np.array([0.0, 1.0])
+
+
+def with_images(edges: Sequence[Edge], mirror: ArrayLike | None) -> list[tuple[int, Cable | Ring | OpenCurve]]:
+    """Edges and their reflections in planes, with their numbers; edges that are their own reflection have no other."""
+    found: list[tuple[int, Cable | Ring | OpenCurve]] = []
+    for number, one in enumerate(edges):
+        own = one if isinstance(one, Cable | Ring | OpenCurve) else OpenCurve(np.asarray(one), corners=())
+        if isinstance(own, OpenCurve) and own.is_corner.any():
+            raise OptionError(f"fixed edge {number} has corners; divide it there into several edges")
+        found.append((number, own))
+    planes = MirrorPlanes.of(mirror) if mirror is not None else None
+    for k in range(0 if planes is None else len(planes.normals)):
+        for number, own in list(found):
+            points = own.ends if isinstance(own, Cable) else np.asarray(own.points, dtype=np.float64)
+            image = planes.image(points, np.arange(len(planes.normals)) == k)
+            if cdist(points, image).min(axis=0).max() <= _MEETING * np.ptp(points, axis=0).max():
+                continue
+            if isinstance(own, Cable):
+                found.append((number, replace(own, start=image[0], end=image[1])))
+                continue
+            if isinstance(own, Ring) and own.force is not None and planes.normals[k, 2]:
+                raise OptionError(f"edge {number}: a ring with a force is reflected in vertical planes only")
+            found.append((number, replace(own, points=image)))
+    return found
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Frame:
+    """The edges of a membrane and their control points.
+
+    First come the nodes: the corners, then other ends of stays. Then come the other control points of each cable, and
+    the displacement of each ring.
+
+    Attributes:
+        edges: in order around the film; empty if rings bound it alone.
+        stays: the stays.
+        rings: the other rims of the film.
+        numbers: those of edges, stays and rings among the given edges.
+        nodes: given positions of the nodes.
+        stay_ends: the nodes at which each stay starts and ends.
+        size: diagonal of the box around the corners and rings.
+    """
+
+    edges: tuple[CableEdge | FixedEdge, ...]
+    stays: tuple[CableEdge, ...]
+    rings: tuple[Ring, ...]
+    numbers: tuple[int, ...]
+    nodes: Float[np.ndarray, "n 3"]
+    stay_ends: Int[np.ndarray, "m 2"]
+    size: float
+
+    @classmethod
+    def of(cls, edges: Sequence[Edge], mirror: ArrayLike | None) -> Frame:
+        """The frame of edges in any order and direction, and of their reflections."""
+        given = with_images(edges, mirror)
+        rings = [(k, one) for k, one in given if isinstance(one, Ring)]
+        stays = [(k, one) for k, one in given if isinstance(one, Stay)]
+        sides = [(k, one) for k, one in given if not isinstance(one, Ring | Stay)]
+        loops = [BoundaryLoop.from_points(one.points).points for _, one in rings]
+        ends = np.array([one.ends if isinstance(one, Cable) else one.points[[0, -1]] for _, one in sides])
+        ends = ends.reshape(-1, 2, 3)
+        if len(ends) == 1 or not len(given):
+            raise OptionError("a membrane needs two edges or more, or rings")
+        size = float(np.linalg.norm(np.ptp(np.concatenate([ends.reshape(-1, 3), *loops]), axis=0)))
+        order, backward = _chain(ends, [k for k, _ in sides], _MEETING * size)
+        parts: list[CableEdge | FixedEdge] = []
+        for k, back in zip(order, backward, strict=True):
+            one = sides[k][1]
+            if isinstance(one, Cable):
+                parts.append(CableEdge(replace(one, start=one.end, end=one.start) if back else one))
+            else:
+                parts.append(FixedEdge(replace(one, points=one.points[::-1]) if back else one))
+        nodes = [ends[k, int(back)] for k, back in zip(order, backward, strict=True)]
+        at = []
+        for point in (point for _, stay in stays for point in stay.ends):
+            near = [k for k, node in enumerate(nodes) if np.linalg.norm(node - point) <= _MEETING * size]
+            at.append(near[0] if near else len(nodes))
+            nodes += [] if near else [point]
+        frame = cls(
+            edges=tuple(parts),
+            stays=tuple(CableEdge(stay) for _, stay in stays),
+            rings=tuple(ring for _, ring in rings),
+            numbers=(*(sides[k][0] for k in order), *(k for k, _ in stays), *(k for k, _ in rings)),
+            nodes=np.array(nodes).reshape(-1, 3),
+            stay_ends=np.array(at, dtype=int).reshape(-1, 2),
+            size=size,
+        )
+        frame._require_held()
+        return frame
+
+    def _require_held(self) -> None:
+        """Raises an OptionError for a free node that cannot be in equilibrium."""
+        for node in np.flatnonzero(self.is_free).tolist():
+            own = [one for one, ends in zip(self.cables, self.cable_ends, strict=True) if node in ends]
+            at = self.nodes[node].tolist()
+            fixed = [k for k in (node - 1, node) if node < len(self.edges) and isinstance(self.edges[k], FixedEdge)]
+            if fixed or len(own) < 3:
+                raise OptionError(f"a stay starts at {at}; there must meet three cables or more, and no fixed edge")
+            pulls = [one.cable.tension for one in own]
+            if None not in pulls and 2 * max(pulls) >= sum(pulls):  # type: ignore[type-var, arg-type]
+                raise OptionError(
+                    f"the tensions of the cables that meet at {at} cannot balance: "
+                    f"the largest one, {max(pulls):g}, exceeds the others together"  # type: ignore[type-var]
+                )
+
+    @cached_property
+    def is_free(self) -> Bool[np.ndarray, " n"]:
+        """Which nodes are free: those where a stay starts."""
+        return np.isin(np.arange(len(self.nodes)), self.stay_ends[:, 0])
+
+    @cached_property
+    def cables(self) -> list[CableEdge]:
+        """The cables around the film, then the stays."""
+        return [*(edge for edge in self.edges if isinstance(edge, CableEdge)), *self.stays]
+
+    @cached_property
+    def cable_numbers(self) -> dict[int, int]:
+        """The numbers of the cables among all, by edge."""
+        sides = [k for k, edge in enumerate(self.edges) if isinstance(edge, CableEdge)]
+        return {edge: number for number, edge in enumerate(sides)}
+
+    @cached_property
+    def cable_ends(self) -> list[tuple[int, int]]:
+        """The nodes at the ends of each cable."""
+        sides = [(k, (k + 1) % len(self.edges)) for k in self.cable_numbers]
+        return [*sides, *((a, b) for a, b in self.stay_ends.tolist())]
+
+    @cached_property
+    def controls(self) -> list[Int[np.ndarray, " k"]]:
+        """The control points of each cable."""
+        own = [one.degree - 1 for one in self.cables]
+        first = len(self.nodes) + np.append(0, np.cumsum(own))
+        return [
+            np.append(np.array(ends), at + np.arange(count))
+            for ends, at, count in zip(self.cable_ends, first.tolist(), own, strict=False)
+        ]
+
+    @property
+    def ring_controls(self) -> Int[np.ndarray, " r"]:
+        """The displacements of the rings, among the control points."""
+        return np.arange(self.count - len(self.rings), self.count)
+
+    @cached_property
+    def count(self) -> int:
+        """Number of control points."""
+        return len(self.nodes) + sum(one.degree - 1 for one in self.cables) + len(self.rings)
+
+    @cached_property
+    def unknowns(self) -> Int[np.ndarray, " u"]:
+        """The unknown coordinates among those of all control points."""
+        free = np.ones((self.count, 3), dtype=bool)
+        free[: len(self.nodes)] = self.is_free[:, None]
+        free[self.ring_controls] = [[False, False, ring.force is not None] for ring in self.rings] or False
+        return np.flatnonzero(free)
+
+    @cached_property
+    def straight(self) -> Float[np.ndarray, "c 3"]:
+        """Control points of straight cables."""
+        return np.concatenate([self.nodes, np.zeros((self.count - len(self.nodes), 3))])
+
+    @property
+    def start(self) -> Float[np.ndarray, "c 3"]:
+        """Control points of arcs of circles, twisted into the frame."""
+        control = self.straight.copy()
+        inside = self.tangents(control) * [[[1]], [[-1]]]
+        x = (np.arange(9) + 0.5) / 9
+        middle = np.mean([self._on(k, x, control).mean(axis=0) for k in range(len(self.edges))], axis=0)
+        for edge, number in self.cable_numbers.items():
+            own, at = self.cables[number], self.controls[number]
+            after = (edge + 1) % len(self.edges)
+            inward = np.stack([inside[1, edge - 1], middle - own.cable.ends.mean(axis=0), inside[0, after]])
+            control[at[2:]] = own.start(inward)
+        return control
+
+    def _on(
+        self, edge: int, x: Float[np.ndarray, " n"], control: Float[np.ndarray, "c 3"], order: int = 0
+    ) -> Float[np.ndarray, "n 3"]:
+        """Points of an edge, or a derivative."""
+        own = self.edges[edge]
+        if isinstance(own, FixedEdge):
+            return own.point(x, order)
+        return np.asarray(own.shapes(x, order) @ control[self.controls[self.cable_numbers[edge]]])
+
+    def tangents(self, control: Float[np.ndarray, "c 3"]) -> Float[np.ndarray, "2 e 3"]:
+        """The derivatives of the edges at their starts and at their ends."""
+        both = [self._on(k, _ENDS, control, 1) for k in range(len(self.edges))]
+        return np.array(both).reshape(-1, 2, 3).transpose(1, 0, 2)
+
+    def crossed(self, before: Float[np.ndarray, "c 3"], after: Float[np.ndarray, "c 3"]) -> Int[np.ndarray, " k"]:
+        """The corners whose angles become negative from some control points to others."""
+        pairs = [(starts, -np.roll(ends, 1, axis=0)) for starts, ends in map(self.tangents, (before, after))]
+        old, new = (np.cross(*pair) for pair in pairs)
+        return np.flatnonzero(((old * new).sum(axis=1) < 0) & ((pairs[1][0] * pairs[1][1]).sum(axis=1) > 0))
+
+    @property
+    def turns(self) -> float:
+        """A lower bound of the total turn of the cables less that of the fixed edges.
+
+        By the theorem of Gauss and Bonnet, where the Gauss curvature of a film is not positive, its angles at n corners
+        are 0 if this is π (n − 2), and negative beyond.
+        """
+        total = 0.0
+        for k, own in enumerate(self.edges):
+            if isinstance(own, FixedEdge):
+                total -= own.total_curvature
+            elif not self.is_free[[k, (k + 1) % len(self.edges)]].any():
+                total += own.cable.chord / (own.cable.tension or np.inf)
+        return total
+
+    @cached_property
+    def starts(self) -> Float[np.ndarray, " n1"]:
+        """Parameters of Γ at the corners, in proportion to the chords of the edges."""
+        corners = self.nodes[: len(self.edges)]
+        chords = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1) + 0.1 * self.size
+        return np.asarray(np.append(0.0, np.cumsum(chords)) / chords.sum())
+
+    def places(self, s: Float[np.ndarray, "*n"]) -> tuple[Int[np.ndarray, "*n"], Float[np.ndarray, "*n"]]:
+        """The edges of parameters of Γ, and the parameters on them."""
+        s = np.mod(s, 1.0)
+        edge = np.searchsorted(self.starts[1:-1], s, side="right")
+        return edge, (s - self.starts[edge]) / np.diff(self.starts)[edge]
+
+    def curves(self, control: Float[np.ndarray, "c 3"]) -> list[ClosedCurve | Float[np.ndarray, "m 3"]]:
+        """The rings, then Γ around the edges, if there are any."""
+        widths = np.diff(self.starts)
+        rings = [
+            np.asarray(ring.points, dtype=np.float64) + control[k]
+            for ring, k in zip(self.rings, self.ring_controls.tolist(), strict=True)
+        ]
+        if not self.edges:
+            return [*rings]
+
+        def derivative(order: int, s: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n 3"]:
+            edge, x = self.places(np.asarray(s))
+            values = np.empty((*np.shape(s), 3))
+            for k in range(len(self.edges)):
+                values[edge == k] = self._on(k, x[edge == k], control, order) / widths[k] ** order
+            return values
+
+        inner = [own.knots[1:-1] if isinstance(own, FixedEdge) else np.array([]) for own in self.edges]
+        joints = [start + width * x for start, width, x in zip(self.starts, widths, inner, strict=False)]
+        curve = ClosedCurve(
+            point=partial(derivative, 0),
+            derivative=partial(derivative, 1),
+            second_derivative=partial(derivative, 2),
+            corners=tuple(self.starts[:-1].tolist()),
+            joints=tuple(np.concatenate(joints).tolist()),
+        )
+        return [*rings, curve]
+
+
+def _chain(ends: Float[np.ndarray, "n 2 3"], numbers: Sequence[int], tolerance: float) -> tuple[list[int], list[bool]]:
+    """Edges in order around the frame, from the first one in its direction, and whether each is passed backwards."""
+    order, backward, left = [0][: len(ends)], [False][: len(ends)], set(range(1, len(ends)))
+    while left:
+        rest = np.array(sorted(left))
+        gaps = np.linalg.norm(ends[rest] - ends[order[-1], 1 - backward[-1]], axis=2)
+        at, side = np.unravel_index(gaps.argmin(), gaps.shape)
+        _require_met(gaps.min(), tolerance, numbers[order[-1]], numbers[rest[at]])
+        order.append(int(rest[at]))
+        backward.append(bool(side))
+        left.remove(order[-1])
+    if order:
+        gap = np.linalg.norm(ends[order[-1], 1 - backward[-1]] - ends[0, 0])
+        _require_met(gap, tolerance, numbers[order[-1]], numbers[0])
+    return order, backward
+
+
+def _require_met(gap: float, tolerance: float, first: int, second: int) -> None:
+    if gap > tolerance:
+        raise OptionError(f"edge {first} ends {gap:.3g} away from the nearest end of another, edge {second}; join them")
