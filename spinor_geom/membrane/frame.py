@@ -187,6 +187,8 @@ class Frame:
     def start(self) -> Float[np.ndarray, "c 3"]:
         """Control points of arcs of circles, twisted into the frame."""
         control = self.straight.copy()
+        if not self.edges:
+            return control
         inside = self.tangents(control) * [[[1]], [[-1]]]
         x = (np.arange(9) + 0.5) / 9
         middle = np.mean([self._on(k, x, control).mean(axis=0) for k in range(len(self.edges))], axis=0)
@@ -247,13 +249,13 @@ class Frame:
 
     def curves(self, control: Float[np.ndarray, "c 3"]) -> list[ClosedCurve | Float[np.ndarray, "m 3"]]:
         """The rings, then Γ around the edges, if there are any."""
-        widths = np.diff(self.starts)
         rings = [
             np.asarray(ring.points, dtype=np.float64) + control[k]
             for ring, k in zip(self.rings, self.ring_controls.tolist(), strict=True)
         ]
         if not self.edges:
             return [*rings]
+        widths = np.diff(self.starts)
 
         def derivative(order: int, s: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n 3"]:
             edge, x = self.places(np.asarray(s))

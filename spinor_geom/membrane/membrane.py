@@ -35,7 +35,7 @@ _LEAST = 1e-9  # eigenvalue, relative to the largest one
 # Relative to the size: a predicted next step below the first ends the search, as do steps below the second that do not
 # decrease, because they have the size of the film's error; longer ones than the third are shortened.
 _FINAL, _NOISE, _LONGEST = 1e-7, 1e-5, 0.15
-_BALANCED = 1e-9  # largest force at a free node, relative to the largest tension
+_BALANCED = 1e-9  # largest force that is left at a free node or ring, relative to the largest one given
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -143,24 +143,31 @@ def solve_membrane(
     while len(frame.crossed(frame.straight, control)):
         control = (control + frame.straight) / 2
     steps: list[float] = []
-    is_narrow = False
+    is_narrow, is_stable, slope, move = False, True, 0.0, np.zeros_like(control)
     while True:
         left = time_limit - (perf_counter() - begin)
         if left <= 0:
             raise OutOfTimeError
         state = _State(frame=frame, control=control, film=_film(frame, control, tolerance, left))
-        is_done = _has_converged(steps, frame.size) and state.is_balanced(tensions)
+        is_done = _has_stalled(steps, frame.size) or (_has_converged(steps, frame.size) and state.is_balanced(tensions))
         if is_done or not len(frame.unknowns) or len(steps) == _MOST_STEPS:
             break
-        step, changes, is_stable = state.step(tensions)
+        ahead = float((state.gradient(tensions) * move).sum())
+        if steps and steps[-1] > _NOISE * frame.size and ahead > -slope:
+            # too far: to the minimum of a parabola along the last step
+            step, changes = move * (slope / (slope - ahead) - 1), np.zeros_like(tensions)
+        else:
+            step, changes, is_stable = state.step(tensions)
         share = min(1.0, _LONGEST * frame.size / max(float(np.abs(step).max()), np.finfo(float).tiny))
         crossed = frame.crossed(control, control + share * step)
         if len(crossed) and (is_narrow or len(frame.crossed(control, control + share / 2 * step))):
             raise SurfaceError(_collapsed(frame, f"its edges would cross at {frame.nodes[crossed[0]].tolist()}"))
         is_narrow = len(crossed) > 0
         share = share / 2 if is_narrow else share
-        control, tensions = control + share * step, tensions + share * changes
-        steps.append(share * float(np.linalg.norm(step, axis=1).max()))
+        move = share * step
+        control, tensions = control + move, tensions + share * changes
+        slope = float((state.gradient(tensions) * move).sum())
+        steps.append(float(np.linalg.norm(move, axis=1).max()))
         if (tensions <= 0).any():
             raise SurfaceError(_collapsed(frame, "a cable would have to push"))
     if steps and not is_stable:
@@ -171,11 +178,13 @@ def solve_membrane(
 
 
 def _has_converged(steps: list[float], size: float) -> bool:
-    """Whether, by the last two steps, the next one is negligible, or steps have the size of the film's error."""
-    if len(steps) < 2:
-        return bool(steps) and steps[-1] <= _FINAL * size
-    ratio = steps[-1] / steps[-2]
-    return steps[-1] * min(1.0, ratio) <= _FINAL * size or (ratio > 0.3 and steps[-1] <= _NOISE * size)
+    """Whether the next step is negligible, predicted from the last two."""
+    return len(steps) > 1 and steps[-1] * min(1.0, steps[-1] / steps[-2]) <= _FINAL * size
+
+
+def _has_stalled(steps: list[float], size: float) -> bool:
+    """Whether steps have the size of the film's error."""
+    return len(steps) > 1 and 0.3 * steps[-2] < steps[-1] <= _NOISE * size
 
 
 def _collapsed(frame: Frame, why: str) -> str:
@@ -312,9 +321,12 @@ class _State:
         return gradient
 
     def is_balanced(self, tensions: Float[np.ndarray, " t"]) -> bool:
-        """Whether the forces at free nodes balance."""
-        left = self.gradient(tensions)[: len(self.frame.nodes)][self.frame.is_free]
-        return bool(np.abs(left).max(initial=0.0) <= _BALANCED * tensions.max(initial=0.0))
+        """Whether the forces at free nodes and rings balance."""
+        frame, gradient = self.frame, self.gradient(tensions)
+        at_rings = [gradient[k, 2] for k, one in zip(frame.ring_controls, frame.rings, strict=True) if one.force]
+        left = np.append(gradient[: len(frame.nodes)][frame.is_free], at_rings)
+        largest = max([*tensions.tolist(), *(abs(one.force or 0.0) for one in frame.rings)], default=0.0)
+        return bool(np.abs(left).max(initial=0.0) <= _BALANCED * largest)
 
     def step(self, tensions: Float[np.ndarray, " t"]) -> tuple[Float[np.ndarray, "c 3"], Float[np.ndarray, " t"], bool]:
         """Newton's step of the control points and of the tensions of cables of given length; whether it is stable."""
