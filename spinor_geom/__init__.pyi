@@ -24,6 +24,9 @@ from spinor_geom.holomorphic.laurent import LaurentSeries as LaurentSeries
 from spinor_geom.holomorphic.mlp import ComplexMLP as ComplexMLP
 from spinor_geom.holomorphic.series import PowerSeries as PowerSeries
 from spinor_geom.membrane.cables import Cable as Cable
+from spinor_geom.membrane.cables import Ring as Ring
+from spinor_geom.membrane.cables import Stay as Stay
+from spinor_geom.membrane.cables import SymmetryPlane as SymmetryPlane
 from spinor_geom.membrane.membrane import CableShape as CableShape
 from spinor_geom.membrane.membrane import Membrane as Membrane
 from spinor_geom.membrane.membrane import solve_membrane as solve_membrane

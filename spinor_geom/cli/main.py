@@ -71,6 +71,7 @@ def build_parser() -> argparse.ArgumentParser:
         _add_fill,
         _add_edit,
         _add_solve,
+        _add_membrane,
         _add_loops,
         _add_compare,
         _add_reproduce,
@@ -313,6 +314,10 @@ def _add_solve(commands: _Commands) -> None:
     only = "only these boundary loops of a mesh (indices from 'spinor-geom loops') or curves (CAD files: longest first)"
     add("--loop", **_LOOP, help=f"{only}; several bound one surface (default: all curves, or the only loop of a mesh)")
     _add_closing(add)
+    _add_film(add, "mean edges (default: 1e-3, CAD edges: 1e-6)", TIME_LIMIT)
+
+
+def _add_film(add: Callable[..., Any], unit: str, seconds: float) -> None:
     add(
         "-o",
         "--output",
@@ -324,19 +329,35 @@ def _add_solve(commands: _Commands) -> None:
     add("--thickness", **_LENGTH | {"metavar": "T"}, help=thick)
     add("--edge", choices=("rounded", "straight"), default="rounded", help="edge of the solid (default: %(default)s)")
     add("--edge-length", **_LENGTH, help="target edge length of a mesh (default: mean edge length of the curves)")
-    residual = "largest RMS distance of the surface from the curves, in mean edges (default: 1e-3, CAD edges: 1e-6)"
-    add("--tolerance", metavar="T", type=_positive, help=residual)
+    add(
+        "--tolerance",
+        metavar="T",
+        type=_positive,
+        help=f"largest RMS distance of the surface from the curves, in {unit}",
+    )
     patches = "largest distance of the patches from the surface, in diagonals of the curves (default: %(default)s)"
     add("--deviation", metavar="D", type=_positive, default=1e-6, help=patches)
     late = (
         "seconds for the surface, and as many for its patches; the best ones so far are written (default: %(default)g)"
     )
-    add("--time-limit", **_SECONDS, default=TIME_LIMIT, help=late)
+    add("--time-limit", **_SECONDS, default=seconds, help=late)
     add(
         "--unit",
         choices=("mm", "cm", "m", "in"),
         help="unit of curves and meshes (default: mm); CAD files contain theirs",
     )
+
+
+def _add_membrane(commands: _Commands) -> None:
+    add = commands.add_parser(
+        "membrane",
+        help="write the film inside a frame of cables, fixed edges and planes of symmetry",
+        epilog="exit status: 0: the film was written and its forces balance; 1: the file or the balance exceeds its "
+        f"tolerance, see standard error; {_UNUSABLE}, or there is no equilibrium. Prints cables and forces as JSON.",
+    ).add_argument
+    add("input", **_path("FRAME"), help="JSON file of the edges, see docs/membranes.md")
+    _add_film(add, "mean edges (default: 1e-4)", 60.0)
+    add("--html", **_path("HTML"), help="write a page with the film to turn, its cables and the forces of the supports")
 
 
 def _add_loops(commands: _Commands) -> None:

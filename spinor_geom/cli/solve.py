@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -27,18 +27,7 @@ _LEAST_GAP = 1e-9  # smallest reported gap between edges, per length of the curv
 
 def run(arguments: argparse.Namespace) -> ExitStatus:
     """Solves Plateau's problem and writes the patches. Raises an error before solving if the file cannot be written."""
-    is_mesh = arguments.output.suffix.lower() in MESH_SUFFIXES
-    if is_mesh:
-        known_suffix(arguments.output)
-        if arguments.unit is not None:
-            raise OptionError(f"{arguments.output}: mesh files have no unit; remove --unit, or write a CAD file")
-    else:
-        require_cad_suffix(arguments.output)
-        if arguments.thickness is not None or arguments.edge_length is not None:
-            raise OptionError(
-                "--thickness and --edge-length are for mesh files, such as film.stl; thicken a shell in the CAD program"
-            )
-    require_writable(arguments.output, arguments.input)
+    write = film_writer(arguments)
     is_cad = is_cad_file(arguments.input)
     if is_cad and arguments.unit is not None:
         raise OptionError("CAD files contain their unit; remove --unit")
@@ -54,13 +43,30 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
         if isinstance(solution, NoConnectedSurface):
             raise SurfaceError(f"{solution.reason}; solve the curves one by one")
         arguments.output.parent.mkdir(parents=True, exist_ok=True)
-        bar.stage("mesh" if is_mesh else "patches")
-        facts, problem = (_write_mesh if is_mesh else _write_patches)(solution, arguments)
+        bar.stage("film")
+        facts, problem = write(solution, arguments)
     show_lines(facts, piped=False)
     if not problem:
         return ExitStatus.DONE
     complain(problem)
     return ExitStatus.IMPERFECT
+
+
+def film_writer(arguments: argparse.Namespace) -> Callable[[PlateauSolution, argparse.Namespace], tuple[str, str]]:
+    """What writes a film to the output. Raises an error if the options do not fit it, or it cannot be written."""
+    is_mesh = arguments.output.suffix.lower() in MESH_SUFFIXES
+    if is_mesh:
+        known_suffix(arguments.output)
+        if arguments.unit is not None:
+            raise OptionError(f"{arguments.output}: mesh files have no unit; remove --unit, or write a CAD file")
+    else:
+        require_cad_suffix(arguments.output)
+        if arguments.thickness is not None or arguments.edge_length is not None:
+            raise OptionError(
+                "--thickness and --edge-length are for mesh files, such as film.stl; thicken a shell in the CAD program"
+            )
+    require_writable(arguments.output, arguments.input)
+    return _write_mesh if is_mesh else _write_patches
 
 
 def _write_patches(solution: PlateauSolution, arguments: argparse.Namespace) -> tuple[str, str]:

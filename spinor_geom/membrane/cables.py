@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import BSpline, make_interp_spline
 
 from spinor_geom.errors import OptionError, require_positive
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.interpolation import gauss_nodes
 from spinor_geom.mesh.open_curve import OpenCurve
 
@@ -83,14 +84,35 @@ class Ring:
         points: (m, 3) points in order, in mesh units.
         force: that pulls the ring along the z axis; its height follows, and the given one is where the search starts.
             None for a fixed ring.
+
+    Raises:
+        OptionError: the force is not finite.
+        SpinorGeomError: the errors of `BoundaryLoop.from_points`.
     """
 
     points: ArrayLike
     force: float | None = None
 
     def __post_init__(self) -> None:
+        BoundaryLoop.from_points(self.points)  # raises the errors
         if self.force is not None and not np.isfinite(self.force):
             raise OptionError(f"the force of a ring must be finite, got {self.force}")
+
+    def __repr__(self) -> str:
+        return f"Ring({len(np.asarray(self.points))} points, force={self.force})"
+
+
+@dataclass(frozen=True, kw_only=True)
+class SymmetryPlane:
+    """A plane in which all edges are reflected; the film meets it at right angles.
+
+    Attributes:
+        point: a point of the plane.
+        normal: its normal, of any length.
+    """
+
+    point: ArrayLike
+    normal: ArrayLike
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +127,7 @@ class CableEdge:
         return 1 if isinstance(self.cable, Stay) else DEGREE
 
     @cached_property
-    def _derivatives(self) -> list[Float[np.ndarray, "k k"]]:
+    def _derivatives(self) -> list[Float[np.ndarray, "_ k"]]:
         """Legendre coefficients of B and its derivatives, by columns."""
         own = legendre.legint(np.eye(self.degree + 1), scl=0.5, lbnd=-1)[: self.degree + 1, 1 : self.degree]
         ends = np.zeros((self.degree + 1, 2))

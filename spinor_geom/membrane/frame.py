@@ -13,39 +13,41 @@ from numpy.typing import ArrayLike
 from scipy.spatial.distance import cdist
 
 from spinor_geom.errors import OptionError
-from spinor_geom.membrane.cables import Cable, CableEdge, FixedEdge, Ring, Stay
-from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.membrane.cables import Cable, CableEdge, FixedEdge, Ring, Stay, SymmetryPlane
 from spinor_geom.mesh.curve import ClosedCurve
 from spinor_geom.mesh.open_curve import OpenCurve
 from spinor_geom.plateau.mirrored import MirrorPlanes
 
-Edge: TypeAlias = Cable | Ring | OpenCurve | ArrayLike
+Edge: TypeAlias = Cable | Ring | SymmetryPlane | OpenCurve | ArrayLike
 
 _MEETING = 1e-9  # distance of ends that are one point, relative to the size
 _ENDS = np.array([0.0, 1.0])
 
 
-def with_images(edges: Sequence[Edge], mirror: ArrayLike | None) -> list[tuple[int, Cable | Ring | OpenCurve]]:
+def with_images(edges: Sequence[Edge]) -> list[tuple[int, Cable | Ring | OpenCurve]]:
     """Edges and their reflections in planes, with their numbers; edges that are their own reflection have no other."""
     found: list[tuple[int, Cable | Ring | OpenCurve]] = []
     for number, one in enumerate(edges):
+        if isinstance(one, SymmetryPlane):
+            continue
         own = one if isinstance(one, Cable | Ring | OpenCurve) else OpenCurve(np.asarray(one), corners=())
         if isinstance(own, OpenCurve) and own.is_corner.any():
             raise OptionError(f"fixed edge {number} has corners; divide it there into several edges")
         found.append((number, own))
-    planes = MirrorPlanes.of(mirror) if mirror is not None else None
-    for k in range(0 if planes is None else len(planes.normals)):
+    pairs = [(one.point, one.normal) for one in edges if isinstance(one, SymmetryPlane)]
+    if not pairs:
+        return found
+    planes = MirrorPlanes.of(pairs)  # type: ignore[arg-type]
+    for k, normal in enumerate(planes.normals):
         for number, own in list(found):
             points = own.ends if isinstance(own, Cable) else np.asarray(own.points, dtype=np.float64)
-            image = planes.image(points, np.arange(len(planes.normals)) == k)
+            image = planes.image(points, [k == other for other in range(len(planes.normals))])
             if cdist(points, image).min(axis=0).max() <= _MEETING * np.ptp(points, axis=0).max():
                 continue
-            if isinstance(own, Cable):
-                found.append((number, replace(own, start=image[0], end=image[1])))
-                continue
-            if isinstance(own, Ring) and own.force is not None and planes.normals[k, 2]:
+            if isinstance(own, Ring) and own.force is not None and normal[2]:
                 raise OptionError(f"edge {number}: a ring with a force is reflected in vertical planes only")
-            found.append((number, replace(own, points=image)))
+            moved = {"start": image[0], "end": image[1]} if isinstance(own, Cable) else {"points": image}
+            found.append((number, replace(own, **moved)))
     return found
 
 
@@ -75,13 +77,14 @@ class Frame:
     size: float
 
     @classmethod
-    def of(cls, edges: Sequence[Edge], mirror: ArrayLike | None) -> Frame:
+    def of(cls, edges: Sequence[Edge]) -> Frame:
         """The frame of edges in any order and direction, and of their reflections."""
-        given = with_images(edges, mirror)
+        given = with_images(edges)
         rings = [(k, one) for k, one in given if isinstance(one, Ring)]
         stays = [(k, one) for k, one in given if isinstance(one, Stay)]
-        sides = [(k, one) for k, one in given if not isinstance(one, Ring | Stay)]
-        loops = [BoundaryLoop.from_points(one.points).points for _, one in rings]
+        # in a canonical order, so that the film does not depend on the order of the edges
+        sides = sorted(((k, one) for k, one in given if not isinstance(one, Ring | Stay)), key=lambda one: _key(one[1]))
+        loops = [np.asarray(one.points, dtype=np.float64) for _, one in rings]
         ends = np.array([one.ends if isinstance(one, Cable) else one.points[[0, -1]] for _, one in sides])
         ends = ends.reshape(-1, 2, 3)
         if len(ends) == 1 or not len(given):
@@ -121,11 +124,11 @@ class Frame:
             fixed = [k for k in (node - 1, node) if node < len(self.edges) and isinstance(self.edges[k], FixedEdge)]
             if fixed or len(own) < 3:
                 raise OptionError(f"a stay starts at {at}; there must meet three cables or more, and no fixed edge")
-            pulls = [one.cable.tension for one in own]
-            if None not in pulls and 2 * max(pulls) >= sum(pulls):  # type: ignore[type-var, arg-type]
+            pulls = [one.cable.tension or np.inf for one in own]
+            if max(pulls) < np.inf and 2 * max(pulls) >= sum(pulls):
                 raise OptionError(
                     f"the tensions of the cables that meet at {at} cannot balance: "
-                    f"the largest one, {max(pulls):g}, exceeds the others together"  # type: ignore[type-var]
+                    f"the largest one, {max(pulls):g}, exceeds the others together"
                 )
 
     @cached_property
@@ -137,6 +140,12 @@ class Frame:
     def cables(self) -> list[CableEdge]:
         """The cables around the film, then the stays."""
         return [*(edge for edge in self.edges if isinstance(edge, CableEdge)), *self.stays]
+
+    @property
+    def cable_given(self) -> list[int]:
+        """The numbers of the cables among the given edges."""
+        count = len(self.edges)
+        return [*(self.numbers[k] for k in self.cable_numbers), *self.numbers[count : count + len(self.stays)]]
 
     @cached_property
     def cable_numbers(self) -> dict[int, int]:
@@ -151,7 +160,7 @@ class Frame:
         return [*sides, *((a, b) for a, b in self.stay_ends.tolist())]
 
     @cached_property
-    def controls(self) -> list[Int[np.ndarray, " k"]]:
+    def controls(self) -> list[Int[np.ndarray, " _"]]:
         """The control points of each cable."""
         own = [one.degree - 1 for one in self.cables]
         first = len(self.nodes) + np.append(0, np.cumsum(own))
@@ -163,7 +172,7 @@ class Frame:
     @property
     def ring_controls(self) -> Int[np.ndarray, " r"]:
         """The displacements of the rings, among the control points."""
-        return np.arange(self.count - len(self.rings), self.count)
+        return np.asarray(np.arange(self.count - len(self.rings), self.count))
 
     @cached_property
     def count(self) -> int:
@@ -176,17 +185,17 @@ class Frame:
         free = np.ones((self.count, 3), dtype=bool)
         free[: len(self.nodes)] = self.is_free[:, None]
         free[self.ring_controls] = [[False, False, ring.force is not None] for ring in self.rings] or False
-        return np.flatnonzero(free)
+        return np.asarray(np.flatnonzero(free))
 
     @cached_property
     def straight(self) -> Float[np.ndarray, "c 3"]:
         """Control points of straight cables."""
-        return np.concatenate([self.nodes, np.zeros((self.count - len(self.nodes), 3))])
+        return np.asarray(np.concatenate([self.nodes, np.zeros((self.count - len(self.nodes), 3))]))
 
     @property
     def start(self) -> Float[np.ndarray, "c 3"]:
         """Control points of arcs of circles, twisted into the frame."""
-        control = self.straight.copy()
+        control = np.array(self.straight)
         if not self.edges:
             return control
         inside = self.tangents(control) * [[[1]], [[-1]]]
@@ -211,7 +220,7 @@ class Frame:
     def tangents(self, control: Float[np.ndarray, "c 3"]) -> Float[np.ndarray, "2 e 3"]:
         """The derivatives of the edges at their starts and at their ends."""
         both = [self._on(k, _ENDS, control, 1) for k in range(len(self.edges))]
-        return np.array(both).reshape(-1, 2, 3).transpose(1, 0, 2)
+        return np.asarray(np.array(both).reshape(-1, 2, 3).transpose(1, 0, 2))
 
     def crossed(self, before: Float[np.ndarray, "c 3"], after: Float[np.ndarray, "c 3"]) -> Int[np.ndarray, " k"]:
         """The corners whose angles become negative from some control points to others."""
@@ -283,14 +292,19 @@ def _chain(ends: Float[np.ndarray, "n 2 3"], numbers: Sequence[int], tolerance: 
         rest = np.array(sorted(left))
         gaps = np.linalg.norm(ends[rest] - ends[order[-1], 1 - backward[-1]], axis=2)
         at, side = np.unravel_index(gaps.argmin(), gaps.shape)
-        _require_met(gaps.min(), tolerance, numbers[order[-1]], numbers[rest[at]])
+        _require_met(float(gaps.min()), tolerance, numbers[order[-1]], numbers[int(rest[at])])
         order.append(int(rest[at]))
         backward.append(bool(side))
         left.remove(order[-1])
     if order:
-        gap = np.linalg.norm(ends[order[-1], 1 - backward[-1]] - ends[0, 0])
-        _require_met(gap, tolerance, numbers[order[-1]], numbers[0])
+        gap = np.linalg.norm(ends[order[-1], 1 - backward[-1]] - ends[0, int(backward[0])])
+        _require_met(float(gap), tolerance, numbers[order[-1]], numbers[0])
     return order, backward
+
+
+def _key(edge: Cable | Ring | OpenCurve) -> list[list[float]]:
+    ends = edge.ends if isinstance(edge, Cable) else np.asarray(edge.points)[[0, -1]]
+    return sorted(ends.tolist())
 
 
 def _require_met(gap: float, tolerance: float, first: int, second: int) -> None:

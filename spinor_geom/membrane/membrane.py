@@ -14,7 +14,6 @@ from time import perf_counter
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from numpy.typing import ArrayLike
 from scipy.linalg import cho_factor, cho_solve, eigh
 
 from spinor_geom.errors import LoopError, OutOfTimeError, SurfaceError, require_positive
@@ -35,7 +34,7 @@ _LEAST = 1e-9  # eigenvalue, relative to the largest one
 # Relative to the size: a predicted next step below the first ends the search, as do steps below the second that do not
 # decrease, because they have the size of the film's error; longer ones than the third are shortened.
 _FINAL, _NOISE, _LONGEST = 1e-7, 1e-5, 0.15
-_BALANCED = 1e-9  # largest force that is left at a free node or ring, relative to the largest one given
+_BALANCED = 1e-9  # largest force that is left at a free node or ring, relative to tensions and size
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -43,7 +42,7 @@ class CableShape:
     """A cable in equilibrium.
 
     Attributes:
-        cable: as given.
+        cable: as given, in the direction in which the frame is passed.
         tension: given, or that of the cable of given length.
         length: in mesh units.
         control: control points of `CableEdge`.
@@ -75,12 +74,12 @@ class Membrane:
 
     Attributes:
         film: the film.
-        cables: the cables in order around the film, then the stays.
+        cables: the cables and stays in the order of the arguments, each with its reflections.
         supports: the corners of the frame, where edges meet, and other ends of stays.
         is_free: which of them are free, because a stay starts there.
         forces: of the supports on the corners, in units of the surface tension times mesh units; 0 if free.
-        edge_forces: of fixed edges and rings on the film, by edge in the order of the arguments and their reflections;
-            0 for cables.
+        edge_forces: of fixed edges and rings on the film, by edge in the order of the arguments, each with its
+            reflections; 0 for cables.
         heights: displacements of the rings along the z axis.
         steps: sizes of the steps of Newton's method, in mesh units.
     """
@@ -111,7 +110,6 @@ class Membrane:
 def solve_membrane(
     edges: Sequence[Edge],
     *,
-    mirror: ArrayLike | None = None,
     tolerance: float = 1e-4,
     time_limit: float = 60.0,
 ) -> Membrane:
@@ -119,8 +117,8 @@ def solve_membrane(
 
     Args:
         edges: in any order and direction: cables; fixed edges, which are `OpenCurve`s without corners or (m, 3) points,
-            two of them for a straight line; stays; and rings.
-        mirror: up to three planes, pairs of a point and a normal, in which the edges are reflected.
+            two of them for a straight line; stays; rings; and up to three mutually orthogonal planes of symmetry, in
+            which the others are reflected.
         tolerance: of the film, as for `solve_plateau`; its boundary is usually nearer by orders of magnitude.
         time_limit: seconds in all; a film in progress may exceed it.
 
@@ -136,7 +134,7 @@ def solve_membrane(
     """
     require_positive("tolerance", tolerance)
     require_positive("time_limit", time_limit, finite=False)
-    frame, begin = Frame.of(edges, mirror), perf_counter()
+    frame, begin = Frame.of(edges), perf_counter()
     if not frame.rings and frame.turns >= np.pi * (len(frame.edges) - 2):
         raise SurfaceError(_collapsed(frame, "its cables would turn by more than its corners leave room for"))
     control, tensions = frame.start, np.array([one.first_tension for one in frame.cables])
@@ -254,7 +252,8 @@ class _State:
         own, back = self.owners[rim]
         if own < len(self.frame.rings):
             return np.full(len(s), len(self.frame.edges) + own), s
-        return self.frame.places(-s if back else s)
+        edge, x = self.frame.places(-s if back else s)
+        return edge, x
 
     def pieces(self, rim: int, s: Float[np.ndarray, " k"]) -> Iterator[_Piece]:
         """The pieces of a rim that move."""
@@ -283,7 +282,7 @@ class _State:
     @cached_property
     def lengths(
         self,
-    ) -> list[tuple[float, Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3 k 3"], Float[np.ndarray, "k 3 k 3"]]]:
+    ) -> list[tuple[float, Float[np.ndarray, "_ 3"], Float[np.ndarray, "_ 3 _ 3"], Float[np.ndarray, "_ 3 _ 3"]]]:
         """`length_terms` of each cable."""
         frame = self.frame
         return [one.length_terms(self.control[at]) for one, at in zip(frame.cables, frame.controls, strict=True)]
@@ -314,7 +313,7 @@ class _State:
 
     def gradient(self, tensions: Float[np.ndarray, " t"]) -> Float[np.ndarray, "c 3"]:
         """The gradient of the energy."""
-        frame, gradient = self.frame, self.by_area.copy()
+        frame, gradient = self.frame, np.array(self.by_area)
         for at, tension, (_, by_length, _, _) in zip(frame.controls, tensions.tolist(), self.lengths, strict=True):
             gradient[at] += tension * by_length
         gradient[frame.ring_controls, 2] -= [ring.force or 0.0 for ring in frame.rings]
@@ -323,10 +322,10 @@ class _State:
     def is_balanced(self, tensions: Float[np.ndarray, " t"]) -> bool:
         """Whether the forces at free nodes and rings balance."""
         frame, gradient = self.frame, self.gradient(tensions)
-        at_rings = [gradient[k, 2] for k, one in zip(frame.ring_controls, frame.rings, strict=True) if one.force]
-        left = np.append(gradient[: len(frame.nodes)][frame.is_free], at_rings)
-        largest = max([*tensions.tolist(), *(abs(one.force or 0.0) for one in frame.rings)], default=0.0)
-        return bool(np.abs(left).max(initial=0.0) <= _BALANCED * largest)
+        free = np.append(frame.is_free, np.zeros(frame.count - len(frame.nodes), dtype=bool))
+        free[frame.ring_controls] = [ring.force is not None for ring in frame.rings]
+        left = np.abs(gradient.ravel()[np.intersect1d(frame.unknowns, 3 * np.flatnonzero(free)[:, None] + _XYZ)])
+        return bool(left.max(initial=0.0) <= _BALANCED * max([frame.size, *tensions.tolist()]))
 
     def step(self, tensions: Float[np.ndarray, " t"]) -> tuple[Float[np.ndarray, "c 3"], Float[np.ndarray, " t"], bool]:
         """Newton's step of the control points and of the tensions of cables of given length; whether it is stable."""
@@ -376,7 +375,7 @@ class _State:
         held[list(frame.cable_numbers)] = 0
         return Membrane(
             film=self.film,
-            cables=tuple(shapes),
+            cables=tuple(shapes[k] for k in np.argsort(frame.cable_given, kind="stable").tolist()),
             supports=self.control[: len(frame.nodes)],
             is_free=frame.is_free,
             forces=self.gradient(tensions)[: len(frame.nodes)],

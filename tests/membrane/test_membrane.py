@@ -1,4 +1,4 @@
-"""Films with cables: arcs of circles in the plane, a saddle against discrete minima, forces and refusals."""
+"""Films with cables and rings: arcs of circles, a saddle against discrete minima, catenoids, forces and refusals."""
 
 from functools import cache
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq, minimize
 
-from spinor_geom import Cable, Membrane, OpenCurve, solve_membrane
+from spinor_geom import Cable, Membrane, OpenCurve, Ring, Stay, SymmetryPlane, solve_membrane
 from spinor_geom.errors import OptionError, SurfaceError
 
 SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype=float)
@@ -17,6 +17,15 @@ TENSION = 3.0
 
 def ring(corners: np.ndarray, **given: float) -> list[Cable]:
     return [Cable(start=tuple(a), end=tuple(b), **given) for a, b in zip(corners, np.roll(corners, -1, 0), strict=True)]
+
+
+def sides(corners: np.ndarray) -> list[np.ndarray]:
+    return [corners[[k, (k + 1) % len(corners)]] for k in range(len(corners))]
+
+
+def circle(radius: float, height: float, x: float = 0.0, y: float = 0.0) -> np.ndarray:
+    t = 2 * np.pi * np.arange(40) / 40
+    return np.column_stack([x + radius * np.cos(t), y + radius * np.sin(t), np.full(40, height)])
 
 
 @cache
@@ -58,12 +67,13 @@ def test_a_cable_opposite_a_curved_edge_has_its_length() -> None:
 
 def test_cables_of_a_saddle_have_curvature_vectors_along_the_conormal() -> None:
     membrane = saddle()
-    for number, cable in enumerate(membrane.cables):
+    for cable in membrane.cables:
         curvature = cable.curvature(ALONG)
         np.testing.assert_allclose(np.linalg.norm(curvature, axis=1), 1 / TENSION, rtol=1e-5)
-        # the edges are equal
-        s = (number + ALONG) / 4
+        # the edges are equal, and passed in one direction or the other
         (rim,) = membrane.film.rims
+        places = [(number + ALONG) / 4 for number in range(4)]
+        s = min(places, key=lambda s: np.abs(rim.curve.point(s) - cable.point(ALONG)).max())
         np.testing.assert_allclose(rim.curve.point(s), cable.point(ALONG), atol=1e-12)
         normals = membrane.film.array_surface.normal(rim.boundary.point(rim.parameters(s)))
         assert np.abs((normals * curvature).sum(axis=1)).max() < 1e-5
@@ -117,11 +127,83 @@ def test_the_forces_of_the_supports_balance_and_are_derivatives_of_the_energy() 
     assert (membrane.forces * membrane.supports).sum() == pytest.approx(power, rel=1e-7)
 
 
+def test_corners_that_hang_by_stays_are_where_forces_balance() -> None:
+    outside = SQUARE + 0.2 * (2 * SQUARE - [1, 1, 0])
+    stays = [Stay(start=a, end=b, tension=1.8) for a, b in zip(SQUARE, outside, strict=True)]
+    membrane = solve_membrane([*ring(SQUARE, tension=1.0), *stays])
+    np.testing.assert_allclose(membrane.forces[membrane.is_free], 0, atol=1e-8)
+    # cables of tension 1 that meet at the angle a pull as one of 2 cos(a/2); arcs turn by what a lacks to a right angle
+    turn = np.pi / 2 - 2 * np.arccos(0.9)
+    chords = np.linalg.norm(np.diff(membrane.supports[:4], axis=0), axis=1)
+    np.testing.assert_allclose(chords, 2 * np.sin(turn / 2), atol=1e-8)
+    assert [one.tension for one in membrane.cables[4:]] == [1.8] * 4
+    # of twice the given length, the same stays have the same tension
+    lengths = [one.length for one in membrane.cables[4:]]
+    given = [Stay(start=a, end=b, length=one) for a, b, one in zip(SQUARE, outside, lengths, strict=True)]
+    same = solve_membrane([*ring(SQUARE, tension=1.0), *given])
+    assert [one.tension for one in same.cables[4:]] == pytest.approx([1.8] * 4, abs=1e-7)
+
+
+def test_a_stay_may_hang_by_two_others() -> None:
+    outside = SQUARE + 0.2 * (2 * SQUARE - [1, 1, 0])
+    single = [Stay(start=a, end=b, tension=1.8) for a, b in zip(SQUARE[1:], outside[1:], strict=True)]
+    node = outside[0] + [0.02, 0.01, 0.0]
+    across = np.array([-np.sqrt(0.5), np.sqrt(0.5), 0])
+    # three equal tensions balance at 120 degrees
+    ends = [outside[0] - np.array([0.5, 0.5, 0]) * np.sqrt(0.5) * 0.2 + side * across for side in (-0.6, 0.6)]
+    forks = [Stay(start=node, end=end, tension=1.8) for end in ends]
+    membrane = solve_membrane(
+        [*ring(SQUARE, tension=1.0), *single, Stay(start=SQUARE[0], end=node, tension=1.8), *forks]
+    )
+    np.testing.assert_allclose(membrane.forces[membrane.is_free], 0, atol=1e-8)
+    at = membrane.supports[np.linalg.norm(membrane.supports - node, axis=1).argmin()]
+    first, second = (end - at for end in ends)
+    assert first @ second == pytest.approx(-0.5 * np.linalg.norm(first) * np.linalg.norm(second), abs=1e-8)
+
+
+def test_a_ring_hangs_at_the_height_where_a_catenoid_pulls_with_its_force() -> None:
+    for waist, begin in ((0.4, 0.3), (0.1, 0.6)):
+        force, height = 2 * np.pi * waist, waist * (np.arccosh(1 / waist) - np.arccosh(0.5 / waist))
+        membrane = solve_membrane([Ring(points=circle(1, 0)), Ring(points=circle(0.5, begin), force=force)])
+        assert begin + membrane.heights[1] == pytest.approx(height, abs=1e-8)
+        np.testing.assert_allclose(membrane.edge_forces, [[0, 0, -force], [0, 0, force]], atol=1e-8)
+    with pytest.raises(SurfaceError, match="move the rings together"):
+        solve_membrane([Ring(points=circle(1, 0)), Ring(points=circle(0.5, 0.6), force=3.2)])
+
+
+def test_the_order_and_the_direction_of_the_edges_do_not_matter() -> None:
+    one, two, three, four = ring(SADDLE, tension=TENSION)
+    turned = [Cable(start=each.end, end=each.start, tension=TENSION) for each in (two, four)]
+    membrane = solve_membrane([three, turned[1], one, turned[0]])
+    assert membrane.film.area == pytest.approx(saddle().film.area, abs=1e-9)
+    halves = [SymmetryPlane(point=(0, 0, 0), normal=normal) for normal in ((1, -1, 0), (1, 1, 0))]
+    assert solve_membrane([halves[0], two, halves[1]]).energy == pytest.approx(saddle().energy, abs=1e-9)
+
+
+@pytest.mark.slow
+def test_the_forces_of_four_masts_under_a_square_roof_are_derivatives_of_the_area() -> None:
+    corners = np.array([[3, 3, 0], [-3, 3, 0], [-3, -3, 0], [3, -3, 0]], dtype=float)
+    planes = [SymmetryPlane(point=(0, 0, 0), normal=normal) for normal in ((1, 0, 0), (0, 1, 0))]
+
+    def roof(height: float) -> Membrane:
+        masts = [Ring(points=circle(0.4, height, *at)) for at in ((1.3, 1.3),)]
+        return solve_membrane([*sides(corners), *planes, *masts], tolerance=1e-3, time_limit=np.inf)
+
+    low, high, membrane = roof(0.58), roof(0.62), roof(0.6)
+    np.testing.assert_allclose(membrane.total_force, 0, atol=1e-8)
+    lifts = membrane.edge_forces[4:, 2]
+    np.testing.assert_allclose(lifts, lifts[0], rtol=1e-6)
+    # a central difference, whose error is of the square of its step
+    assert 4 * lifts[0] == pytest.approx((high.film.area - low.film.area) / 0.04, rel=1e-3)
+
+
 def test_frames_that_collapse_are_refused() -> None:
     # at tensions below 1/√2 the arcs of neighbouring sides of a square cross
-    for given in ({"tension": 0.6}, {"length": 1.4}):
-        with pytest.raises(SurfaceError, match="no equilibrium of the film was found"):
+    for given in ({"tension": 0.65}, {"tension": 0.705}, {"length": 1.4}):
+        with pytest.raises(SurfaceError, match="its edges would cross at"):
             solve_membrane(ring(SQUARE, **given))
+    with pytest.raises(SurfaceError, match="its edges would cross at"):
+        solve_membrane(ring(SADDLE, tension=0.69 * np.sqrt(5)))
     # by the theorem of Gauss and Bonnet, below 2/π of the chords
     for share in (0.36, 0.63):
         with pytest.raises(SurfaceError, match="its cables would turn by more"):
@@ -135,7 +217,11 @@ def test_frames_that_collapse_are_refused() -> None:
         (lambda: ring(SQUARE, tension=-1.0), "tension"),
         (lambda: [Cable(start=(0, 0, 0), end=(1, 0, 0))], "exactly one"),
         (lambda: ring(SQUARE, tension=1.0)[:3], "edge 2 ends 1"),
-        (lambda: [SQUARE[[k, (k + 1) % 4]] for k in range(4)], "at least one of them a cable"),
+        (lambda: [*ring(SQUARE, tension=1.0), Stay(start=SQUARE[0], end=(-1, -1, 0), tension=2.1)], "cannot balance"),
+        (lambda: [*ring(SQUARE, tension=1.0), Stay(start=(-2, 0, 0), end=(-1, -1, 0), tension=1)], "three cables"),
+        (lambda: [*sides(SQUARE), Stay(start=SQUARE[0], end=(-1, -1, 0), tension=1)], "no fixed edge"),
+        (lambda: [Ring(points=circle(1, 0), force=np.nan)], "must be finite"),
+        (lambda: [], "two edges or more"),
         (lambda: [*ring(SQUARE, tension=1.0)[:1], OpenCurve(SQUARE[[1, 2, 3, 0]], corners=[1, 2])], "has corners"),
     ],
 )
