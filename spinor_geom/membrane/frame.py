@@ -25,7 +25,7 @@ _ENDS = np.array([0.0, 1.0])
 
 
 def with_images(edges: Sequence[Edge]) -> list[tuple[int, Cable | Ring | OpenCurve]]:
-    """Edges and their reflections in planes, with their numbers; edges that are their own reflection have no other."""
+    """Edges and their reflections in planes, with their numbers; those that are given already are left out."""
     found: list[tuple[int, Cable | Ring | OpenCurve]] = []
     for number, one in enumerate(edges):
         if isinstance(one, SymmetryPlane):
@@ -40,9 +40,9 @@ def with_images(edges: Sequence[Edge]) -> list[tuple[int, Cable | Ring | OpenCur
     planes = MirrorPlanes.of(pairs)  # type: ignore[arg-type]
     for k, normal in enumerate(planes.normals):
         for number, own in list(found):
-            points = own.ends if isinstance(own, Cable) else np.asarray(own.points, dtype=np.float64)
+            points = _points(own)
             image = planes.image(points, [k == other for other in range(len(planes.normals))])
-            if cdist(points, image).min(axis=0).max() <= _MEETING * np.ptp(points, axis=0).max():
+            if any(_is_same(image, _points(other)) for _, other in found):
                 continue
             if isinstance(own, Ring) and own.force is not None and normal[2]:
                 raise OptionError(f"edge {number}: a ring with a force is reflected in vertical planes only")
@@ -83,9 +83,12 @@ class Frame:
         rings = [(k, one) for k, one in given if isinstance(one, Ring)]
         stays = [(k, one) for k, one in given if isinstance(one, Stay)]
         # in a canonical order, so that the film does not depend on the order of the edges
-        sides = sorted(((k, one) for k, one in given if not isinstance(one, Ring | Stay)), key=lambda one: _key(one[1]))
-        loops = [np.asarray(one.points, dtype=np.float64) for _, one in rings]
-        ends = np.array([one.ends if isinstance(one, Cable) else one.points[[0, -1]] for _, one in sides])
+        sides = sorted(
+            ((k, one) for k, one in given if not isinstance(one, Ring | Stay)),
+            key=lambda one: sorted(_points(one[1])[[0, -1]].tolist()),
+        )
+        loops = [_points(one) for _, one in rings]
+        ends = np.array([_points(one)[[0, -1]] for _, one in sides])
         ends = ends.reshape(-1, 2, 3)
         if len(ends) == 1 or not len(given):
             raise OptionError("a membrane needs two edges or more, or rings")
@@ -302,9 +305,14 @@ def _chain(ends: Float[np.ndarray, "n 2 3"], numbers: Sequence[int], tolerance: 
     return order, backward
 
 
-def _key(edge: Cable | Ring | OpenCurve) -> list[list[float]]:
-    ends = edge.ends if isinstance(edge, Cable) else np.asarray(edge.points)[[0, -1]]
-    return sorted(ends.tolist())
+def _points(edge: Cable | Ring | OpenCurve) -> Float[np.ndarray, "m 3"]:
+    return edge.ends if isinstance(edge, Cable) else np.asarray(edge.points, dtype=np.float64)
+
+
+def _is_same(points: Float[np.ndarray, "m 3"], others: Float[np.ndarray, "n 3"]) -> bool:
+    """Whether two edges have the same points, in any order."""
+    nearest = cdist(points, others).min(axis=0).max() if len(points) == len(others) else np.inf
+    return bool(nearest <= _MEETING * np.ptp(points, axis=0).max())
 
 
 def _require_met(gap: float, tolerance: float, first: int, second: int) -> None:
