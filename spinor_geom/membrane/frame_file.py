@@ -43,7 +43,7 @@ def read_frame(path: str | os.PathLike[str]) -> list[Edge]:
 
 
 def _edge(given: Any, place: str, path: str | os.PathLike[str]) -> Edge:
-    """An edge; raises a MeshFileError that names the key that is wrong."""
+    """An edge. Raises a MeshFileError that names the key that is wrong."""
     try:
         return _parsed(given)
     except SpinorGeomError as error:
