@@ -1,4 +1,4 @@
-// Pairs of triangles in space that may cross. Called by intersections.py through kernel.py.
+// Triangles in space near each other: those in a box, and pairs that may cross. Called through kernel.py.
 
 #include <algorithm>
 #include <array>
@@ -156,7 +156,57 @@ bool are_separated(const Corners& f, const Corners& g, double separation) {
     return common > 0 && meet_only_at_corners(f, g, n, m, partner, common);
 }
 
+Box box_of(const Point3* points, const int64_t* face) { return Box(Corners{points[face[0]], points[face[1]], points[face[2]]}); }
+
 }  // namespace
+
+// Sorts faces by the cells of a grid with `cells` ones in each direction. `order` has the faces of one cell after the other,
+// those of cell c from starts[c] on; boxes[c] is the box of these faces. Empty cells are left out; `cell_count` becomes the
+// number of the others.
+ENTRY_POINT int sort_by_cells(
+    const Point3* points, int64_t faces, const int64_t* corners, int64_t cells, int64_t* order, int64_t* starts,
+    double* boxes, int64_t* cell_count) {
+    return outcome_of([=] {
+        Box all;
+        for (int64_t t = 0; t < faces; ++t) all = Box(all, box_of(points, corners + 3 * t));
+        const Point3 extent = all.high - all.low;
+        const double size = std::max({extent.x, extent.y, extent.z, kTiny}), per_length = (static_cast<double>(cells) - 0.5) / size;
+        std::vector<int64_t> key(faces), next(cells * cells * cells + 1, 0);
+        for (int64_t t = 0; t < faces; ++t) {
+            const Point3 at = per_length * (box_of(points, corners + 3 * t).low - all.low);
+            key[t] = (static_cast<int64_t>(at.x) * cells + static_cast<int64_t>(at.y)) * cells + static_cast<int64_t>(at.z);
+            ++next[key[t] + 1];
+        }
+        auto* box = reinterpret_cast<Box*>(boxes);
+        int64_t filled = 0;
+        for (size_t c = 0; c + 1 < next.size(); ++c) {
+            if (next[c + 1]) starts[filled++] = next[c];
+            next[c + 1] += next[c];
+        }
+        for (int64_t t = 0; t < faces; ++t) order[next[key[t]]++] = t;
+        starts[filled] = faces, *cell_count = filled;
+        for (int64_t c = 0; c < filled; ++c) {
+            box[c] = Box();
+            for (int64_t k = starts[c]; k < starts[c + 1]; ++k) box[c] = Box(box[c], box_of(points, corners + 3 * order[k]));
+        }
+    });
+}
+
+// The faces whose boxes meet a box, from the result of `sort_by_cells`; `found` has room for all of them.
+ENTRY_POINT int faces_in_box(
+    const Point3* points, int64_t faces, const int64_t* corners, const int64_t* order, int64_t cell_count,
+    const int64_t* starts, const double* boxes, const double* low_and_high, int64_t* found, int64_t* found_count) {
+    return outcome_of([=] {
+        const auto* box = reinterpret_cast<const Box*>(boxes);
+        const Box& wanted = *reinterpret_cast<const Box*>(low_and_high);
+        *found_count = 0;
+        for (int64_t c = 0; c < cell_count; ++c) {
+            if (!box[c].meets(wanted)) continue;
+            for (int64_t k = starts[c]; k < starts[c + 1]; ++k)
+                if (box_of(points, corners + 3 * order[k]).meets(wanted)) found[(*found_count)++] = order[k];
+        }
+    });
+}
 
 // Pairs of one of `count` triangles and one of `other_count` others, or of two of the first ones if `other_count` is -1, that
 // are not clearly separated. `separation` is a volume per cubed extent of a pair. `pairs` is filled with those of triangle

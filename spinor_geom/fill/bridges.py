@@ -71,12 +71,11 @@ def find_islands(
     own = np.array([component[loop.vertex_ids[0]] for loop in loops])
     if (own == own[0]).all():
         return {}
-    corners = mesh.vertices[mesh.faces[sheets.face_ids]].reshape(-1, 3)
-    piece_of_corner = np.repeat(sheets.half_edges.components, 3)
-    boxes = np.full((2, int(piece_of_corner.max()) + 1, 3), -np.inf)  # minus the low corners, and the high ones
-    np.maximum.at(boxes[0], piece_of_corner, -corners)
-    np.maximum.at(boxes[1], piece_of_corner, corners)
-    size = np.linalg.norm(boxes.sum(axis=0), axis=1)[own]
+    order = np.argsort(sheets.half_edges.components, kind="stable")
+    first = np.flatnonzero(np.diff(sheets.half_edges.components[order], prepend=-1))
+    corners = mesh.vertices[mesh.faces[sheets.face_ids[order]]].transpose(1, 2, 0)
+    low, high = (extreme.reduceat(corners, first, axis=2) for extreme in (np.minimum, np.maximum))
+    size = np.linalg.norm(high.max(axis=0) - low.min(axis=0), axis=0)[own]
     lows, highs = (np.array([limit(loop.points, axis=0) for loop in loops]) for limit in (np.min, np.max))
     reach = np.linalg.norm(highs - lows, axis=1)[:, None]
     # the enlarged boxes of the loops, those of the largest pieces first

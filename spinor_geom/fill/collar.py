@@ -129,9 +129,8 @@ def bend_across(collar: Collar, patch: Patch) -> Bend:
 
 def bend_inside(patch: Patch) -> Bend:
     """The bend between faces of a patch at edges that do not touch its boundary."""
-    half_edges = HalfEdges.of(np.asarray(patch.faces))
-    inner = np.minimum(half_edges.origin, half_edges.target) >= patch.boundary_size
-    return _bend(half_edges, patch.vertices, crossing_angles(half_edges, patch.vertices), np.flatnonzero(inner))
+    angles = patch.angles
+    return Bend(largest=angles.largest_bend, rms=angles.rms_bend, edge=angles.edge)
 
 
 def _shortened(

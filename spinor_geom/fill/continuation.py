@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from spinor_geom.arrays import TINY
 from spinor_geom.deadline import is_out_of_time
-from spinor_geom.domain.delaunay import rim_successors, unique_edges
+from spinor_geom.domain.delaunay import rim_successors
 from spinor_geom.domain.sizes import GRADED, EdgeLengths
 from spinor_geom.errors import OutOfTimeError, SpinorGeomError
 from spinor_geom.fill.collar import Bend, Collar, bend_inside
@@ -23,10 +23,9 @@ from spinor_geom.fill.fairing import (
     Order,
     approached,
     minimised_curvature,
-    smallest_angles,
     thin_plate,
 )
-from spinor_geom.mesh.operators import radii_of_curvature, vertex_angles
+from spinor_geom.mesh.operators import radii_of_curvature, side_lengths, vertex_angles
 from spinor_geom.meshing.embed import Patch, over_domain_of_angles
 from spinor_geom.meshing.remeshing import remesh
 
@@ -95,7 +94,6 @@ class Continuation:
             started_from=start,
             before=before,
             after=after,
-            inside=bend_inside(faired.patch),
             around=collar.bend,
             order=faired.order,
             lowered=faired.lowered,
@@ -166,8 +164,12 @@ class Continuation:
 
 
 def _angles_of(patch: Patch) -> dict[str, Any]:
-    rim, others = smallest_angles(patch)
-    return {"smallest_angle": min(rim, others), "smallest_rim_angle": rim if np.isfinite(rim) else None}
+    rim = patch.angles.at_rim
+    return {
+        "inside": bend_inside(patch),
+        "smallest_angle": min(rim, patch.angles.smallest_free),
+        "smallest_rim_angle": rim if np.isfinite(rim) else None,
+    }
 
 
 def continue_patch(patch: Patch, collar: Collar, lengths: EdgeLengths) -> Faired:
@@ -195,7 +197,7 @@ def continue_patch(patch: Patch, collar: Collar, lengths: EdgeLengths) -> Faired
     if faired.defect and not is_out_of_time():
         with suppress(OutOfTimeError):
             plate = replace(_plate(patch, collar), lowered=faired.defect)
-            if not plate.folds:
+            if not plate.patch.angles.folds:
                 faired = replace(plate, steps=faired.steps)
     return _refined(faired, collar, lengths) if faired.converged else faired
 
@@ -240,7 +242,7 @@ def _remeshed(
 
 def _plate(patch: Patch, collar: Collar) -> Faired:
     """The thin plate, with edges that grow inwards; over one loop those of the patch itself if they are good."""
-    is_graded = not patch.hole_sizes and smallest_angles(patch)[1] >= SMALLEST_ANGLE
+    is_graded = not patch.hole_sizes and patch.angles.smallest_free >= SMALLEST_ANGLE
     plate = thin_plate(patch if is_graded else _graded(patch, collar), collar)
     return plate if plate.is_good else thin_plate(_graded(plate.patch, collar), collar)
 
@@ -290,13 +292,14 @@ def _wanted(patch: Patch) -> Float[np.ndarray, " n"]:
 
 def _is_fine(patch: Patch) -> bool:
     """Whether the edges are short enough for the curvature."""
-    edges = unique_edges(np.asarray(patch.faces), len(patch.vertices))
-    length = np.linalg.norm(patch.vertices[edges[:, 0]] - patch.vertices[edges[:, 1]], axis=1)
-    return bool((length < _LONG * _wanted(patch)[edges].mean(axis=1)).all())
+    faces, wanted = np.asarray(patch.faces), _wanted(patch)
+    mean = (wanted[faces] + wanted[faces[:, [1, 2, 0]]]) / 2
+    return bool((side_lengths(patch.vertices, faces) < _LONG * mean).all())
 
 
 def _rank(faired: Faired) -> tuple[bool, float, float]:
     """A sort key, least for the best patch: folds, then the next step unless converged, then the smallest angle."""
     left = 0.0 if faired.converged else faired.next_step
     # to a tenth of a degree, because another round takes too long for less
-    return bool(faired.folds), left, -round(min(faired.smallest_angles[1], SMALLEST_ANGLE), 1)
+    angles = faired.patch.angles
+    return bool(angles.folds), left, -round(min(angles.smallest_free, SMALLEST_ANGLE), 1)

@@ -19,21 +19,14 @@ from functools import cached_property
 from typing import Literal, TypeAlias
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
+from spinor_geom.arrays import TINY
 from spinor_geom.deadline import is_out_of_time
-from spinor_geom.domain.delaunay import rim_successors, unique_edges
 from spinor_geom.errors import OutOfTimeError
 from spinor_geom.fill.collar import Collar, stretch_across_creases
-from spinor_geom.mesh.operators import (
-    Bending,
-    BendingForm,
-    crossing_angles,
-    factor_symmetric,
-    graph_laplacian,
-    internal_angles,
-)
-from spinor_geom.mesh.topology import HalfEdges
+from spinor_geom.mesh.elimination import Elimination, Factors
+from spinor_geom.mesh.operators import Bending, BendingForm, graph_laplacian, side_lengths
 from spinor_geom.meshing.embed import Patch
 
 # Measured, here and in `continuation`, on 111 holes: 70 generated ones, and rims of scans and of defective meshes.
@@ -69,20 +62,10 @@ class Faired:
         """Whether the next step is within the tolerance."""
         return self.next_step <= STEP_TOLERANCE
 
-    @cached_property
-    def folds(self) -> int:
-        """See `folded_sides`."""
-        return folded_sides(self.patch)
-
-    @cached_property
-    def smallest_angles(self) -> tuple[float, float]:
-        """See the function `smallest_angles`."""
-        return smallest_angles(self.patch)
-
     @property
     def is_thin(self) -> bool:
         """Whether a triangle has an angle below 10° that is not between two rim edges."""
-        return self.smallest_angles[1] < SMALLEST_ANGLE
+        return self.patch.angles.smallest_free < SMALLEST_ANGLE
 
     @property
     def is_good(self) -> bool:
@@ -94,39 +77,11 @@ class Faired:
         """Why the patch is not used as it is: not converged or folded; else empty."""
         if not self.converged:
             return f"did not converge: the next step would move a vertex by {self.next_step:.2g} of an edge"
-        return "is folded" if self.folds else ""
-
-
-def smallest_angles(patch: Patch) -> tuple[float, float]:
-    """The smallest angle, in degrees, between two rim edges of a triangle, and the smallest other one; ∞ for none."""
-    angles, fills = _corners(patch)
-    return float(angles[fills].min(initial=np.inf)), float(angles[~fills].min(initial=np.inf))
-
-
-def free_angles(patch: Patch) -> Float[np.ndarray, " f"]:
-    """The smallest angle of each triangle, in degrees, without angles between two rim edges."""
-    angles, fills = _corners(patch)
-    return np.asarray(np.where(fills, np.inf, angles).min(axis=1))
-
-
-def _corners(patch: Patch) -> tuple[Float[np.ndarray, "f 3"], Bool[np.ndarray, "f 3"]]:
-    """The angles of all triangles, in degrees, and whether they are between two rim edges."""
-    faces, inner = np.asarray(patch.faces), len(patch.vertices) - patch.boundary_size
-    angles = np.degrees(np.nan_to_num(internal_angles(patch.vertices, faces)))
-    after = np.append(rim_successors(patch.rims), np.full(inner, -1))
-    on_rim = after[faces] == np.roll(faces, -1, axis=1)
-    # both edges at this corner of the triangle are rim edges
-    return angles, on_rim & np.roll(on_rim, 1, axis=1)
-
-
-def folded_sides(patch: Patch) -> int:
-    """Number of half-edges across which a patch's normal turns by more than 90°."""
-    half_edges = HalfEdges.of(np.asarray(patch.faces))
-    return int((crossing_angles(half_edges, patch.vertices) > np.pi / 2).sum())
+        return "is folded" if self.patch.angles.folds else ""
 
 
 def thin_plate(patch: Patch, collar: Collar) -> Faired:
-    """Minimises ∫|Δx|², with the Laplacian of the patch: a linear problem; raises as `factor_symmetric`."""
+    """Minimises ∫|Δx|², with the Laplacian of the patch: a linear problem; raises as `minimised_curvature`."""
     equations = _Equations(patch, collar)
     x = equations.smoothed(np.concatenate([patch.vertices[patch.boundary_size :], collar.vertices]))
     return replace(_faired(patch, x[: equations.free], 0, 0.0), order="thin plate")
@@ -156,9 +111,8 @@ def approached(patch: Patch, collar: Collar) -> Faired:
 
 def _faired(patch: Patch, inner: Float[np.ndarray, "k 3"], steps: int, next_step: float) -> Faired:
     vertices = np.concatenate([patch.vertices[: patch.boundary_size], inner])
-    edges = unique_edges(np.asarray(patch.faces), len(vertices))
-    before, after = (np.linalg.norm(v[edges[:, 0]] - v[edges[:, 1]], axis=1) for v in (patch.vertices, vertices))
-    stretch = float((after / np.maximum(before, np.finfo(np.float64).tiny)).max())
+    before, after = (side_lengths(v, np.asarray(patch.faces)) for v in (patch.vertices, vertices))
+    stretch = float((after / np.maximum(before, TINY)).max())
     return Faired(patch=replace(patch, vertices=vertices), steps=steps, next_step=next_step, stretch=stretch)
 
 
@@ -178,6 +132,7 @@ class _Equations:
         # ∇H is defined on faces with three vertices where H is defined
         known = bends[self._faces].all(axis=1)
         self._known = None if known.all() else known
+        self._elimination: Elimination | None = None  # of all stiffnesses
 
     @cached_property
     def _stretch(self) -> Float[np.ndarray, "f 3 3"] | None:
@@ -186,9 +141,9 @@ class _Equations:
         if not collar.variation:
             return None
         laplacian = graph_laplacian(self._faces)
-        form = collar.third_form.reshape(-1, 9)
+        own, form = laplacian[:n, :n], collar.third_form.reshape(-1, 9)
         # means of neighbours, because the cotangent Laplacian may have negative weights
-        inner = factor_symmetric(laplacian[:n, :n]).solve(-(laplacian[:n, n:] @ form))
+        inner = Elimination.of(own).factored(own).solve(-(laplacian[:n, n:] @ form))
         return stretch_across_creases(np.concatenate([inner, form]).reshape(-1, 3, 3), self._faces, collar.variation)
 
     def smoothed(self, x: Positions) -> Positions:
@@ -198,14 +153,14 @@ class _Equations:
         laplacian, kept = bending.laplacian, x.copy()
         kept[:n] = 0
         pull = laplacian @ (form.weights[:, None] * (laplacian @ kept))
-        return np.concatenate([factor_symmetric(form.stiffness).solve(-pull[:n] / 2), x[n:]])
+        return np.concatenate([self._factored(form).solve(-pull[:n] / 2), x[n:]])
 
     def approached(self, x: Positions) -> tuple[Positions, float]:
         """Positions after some steps of at most one edge, and the length of the last step in local edges."""
         n, length = self.free, np.inf
         for _ in range(_APPROACH):
             form, residual = self._at(x)
-            step = -factor_symmetric(form.stiffness).solve(residual)
+            step = -self._factored(form).solve(residual)
             length = float((np.abs(step) / np.sqrt(form.bending.areas[:n])).max())
             x = x.copy()
             x[:n] += step[:, None] / max(length, 1.0) * form.bending.normals[:n]
@@ -224,7 +179,7 @@ class _Equations:
         n, steps, damping = self.free, 0, 1.0
         form, residual = self._at(x)
         edge = float(np.sqrt(form.bending.areas[:n].mean()))
-        factor = factor_symmetric(form.stiffness)
+        factor = self._factored(form)
         step = -factor.solve(residual)
         length = float(np.sqrt(np.mean(step**2)))
         while np.abs(step).max() > STEP_TOLERANCE * edge:
@@ -242,7 +197,7 @@ class _Equations:
             steps += 1
             if damping < 1 or following_length > _QUICK * length:
                 with suppress(OutOfTimeError):  # the steps with the old factors converge more slowly
-                    factor = factor_symmetric(there.stiffness)
+                    factor = self._factored(there)
                     following = -factor.solve(residual)
                     following_length = float(np.sqrt(np.mean(following**2)))
             x, form, step, length, damping = moved, there, following, following_length, 1.0
@@ -251,6 +206,11 @@ class _Equations:
             x = x.copy()
             x[:n] += step[:, None] * form.bending.normals[:n]
         return x, steps, left
+
+    def _factored(self, form: BendingForm) -> Factors:
+        stiffness = form.stiffness
+        self._elimination = self._elimination or Elimination.of(stiffness)
+        return self._elimination.factored(stiffness)
 
     def _form(self, x: Positions, bending: Bending, squared_length: float) -> BendingForm:
         weights, inside = np.zeros(len(x)), self.inside

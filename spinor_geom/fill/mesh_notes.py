@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
-import igl
 import numpy as np
 from jaxtyping import Int
 from scipy.spatial import cKDTree
@@ -15,7 +14,7 @@ from spinor_geom.errors import SpinorGeomError, advised_distance, merge_advice
 from spinor_geom.mesh.array_checks import nonfinite_rows
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.find_loops import Sheets, find_boundary_loops
-from spinor_geom.mesh.topology import SHARE_OF_EDGE, HalfEdges, face_components
+from spinor_geom.mesh.topology import SHARE_OF_EDGE, HalfEdges, face_components, linked
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 
 
@@ -55,8 +54,13 @@ def is_orientable(half_edges: HalfEdges) -> bool:
     """Whether faces can be reversed so that the two half-edges of each inner edge are opposite."""
     if _is_oriented(half_edges):
         return True
-    oriented, _ = igl.bfs_orient(half_edges.origin.reshape(-1, 3).astype(np.int64))
-    return _is_oriented(HalfEdges.of(np.asarray(oriented, dtype=np.int64)))
+    # each face and its reverse: a mesh is not orientable if a face is connected with its own reverse
+    count, (first, second) = len(half_edges.origin) // 3, half_edges.pairs.T
+    turned = np.where(half_edges.origin[first] == half_edges.origin[second], count, 0)
+    face, other = first // 3, second // 3
+    ahead, back = np.stack([face, other + turned]), np.stack([face + count, other + count - turned])
+    sides = linked(np.concatenate([ahead, back], axis=1).T, 2 * count).reshape(2, count)
+    return bool((sides[0] != sides[1]).all())
 
 
 def _is_oriented(half_edges: HalfEdges) -> bool:

@@ -20,9 +20,9 @@ from spinor_geom.errors import (
     TooManyPointsError,
     in_mesh_units,
 )
-from spinor_geom.fill.collar import Bend, Collar, bend_across, bend_inside, collar_of
+from spinor_geom.fill.collar import Bend, Collar, bend_across, collar_of
 from spinor_geom.fill.continuation import Continuation, continue_patch
-from spinor_geom.fill.fairing import SMALLEST_ANGLE, free_angles, smallest_angles
+from spinor_geom.fill.fairing import SMALLEST_ANGLE
 from spinor_geom.fill.new_patch import NewPatch
 from spinor_geom.fill.patched_mesh import PatchedMesh, patch_chords
 from spinor_geom.fill.retriangulation import without_intersections
@@ -134,7 +134,7 @@ def _defect(smooth: NewPatch) -> str:
     assert continuation is not None
     if not continuation.converged:
         return continuation.reason
-    if bend_inside(smooth.patch).largest > 90:  # teeth of the rim may fold the faces beside them
+    if smooth.patch.angles.largest_bend > 90:  # teeth of the rim may fold the faces beside them
         return "it is folded"
     cap = 2 / (1 + np.cos(min(np.radians(continuation.before.rms), _LARGEST_CAP)))
     if continuation.area_ratio > _MOST_CAPS * cap:
@@ -147,7 +147,7 @@ def _defect_of_clearing(smooth: NewPatch) -> str:
     faces = len(smooth.patch.faces)
     if smooth.faces_replaced > _MOST_REPLACED * faces:
         return f"to avoid intersections, {smooth.faces_replaced} of its {faces} faces would be replaced"
-    smallest = smallest_angles(smooth.patch)[1]
+    smallest = smooth.patch.angles.smallest_free
     return f"it has a triangle with an angle of {smallest:.2g}°" if smallest < SMALLEST_ANGLE else ""
 
 
@@ -176,8 +176,8 @@ def without_thin_triangles(patched: PatchedMesh, new: NewPatch, lengths: EdgeLen
             except SpinorGeomError:  # no time, or triangles that form no surface: the piece stays
                 continue
             chords = patch_chords(patch)
-            least = free_angles(patch)[(numbers >= 0).sum() :].min()
-            if least <= free_angles(new.patch)[piece].min() or patched.has_edges(new.rim[chords]).any():
+            least = patch.angles.free[(numbers >= 0).sum() :].min()
+            if least <= new.patch.angles.free[piece].min() or patched.has_edges(new.rim[chords]).any():
                 continue
             crossings = patched.crossings(patch, new.crossings, numbers)
             if len(crossings) > len(new.crossings):
@@ -190,7 +190,7 @@ def without_thin_triangles(patched: PatchedMesh, new: NewPatch, lengths: EdgeLen
 def _around_thin_triangles(patch: Patch, rings: int) -> list[Int[np.ndarray, " _"]]:
     """Connected regions that consist of the thin triangles and some rings of faces around."""
     faces = np.asarray(patch.faces)
-    region: Bool[np.ndarray, " f"] = free_angles(patch) < SMALLEST_ANGLE
+    region: Bool[np.ndarray, " f"] = patch.angles.free < SMALLEST_ANGLE
     if not region.any():
         return []
     for _ in range(rings):

@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import SuperLU, splu
 
-from spinor_geom.arrays import TINY, shifted
+from spinor_geom.arrays import TINY, norm, shifted
 from spinor_geom.deadline import require_time
 from spinor_geom.errors import NoFacesError, NonFiniteVertexError, SingularMatrixError
 from spinor_geom.kernel import call, checked
@@ -43,6 +43,12 @@ def cotangent_laplacian(vertices: Vertices, faces: Faces) -> csc_array:
     Source: Pinkall & Polthier (1993), Computing discrete minimal surfaces and their conjugates.
     """
     return csc_array(-igl.cotmatrix(*igl_arrays(vertices, faces)))
+
+
+def side_lengths(vertices: Vertices, faces: Faces) -> Float[np.ndarray, "f 3"]:
+    """Lengths of the sides of faces, (F, 3), from each corner to the next."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    return np.stack([norm(b - a), norm(c - b), norm(a - c)], axis=1)
 
 
 def mollified_edge_lengths(vertices: Vertices, faces: Faces) -> Float[np.ndarray, "f 3"]:
@@ -108,6 +114,11 @@ def vertices_to_factor(seconds: float) -> float:
     return float((max(seconds, 0.0) / _FACTOR_SECONDS) ** (1 / _FACTOR_POWER) / 7)
 
 
+def require_time_to_factor(matrix: csc_array) -> None:
+    """Raises an OutOfTimeError if the estimated time of a factorisation is longer than what is left."""
+    require_time(_FACTOR_SECONDS * matrix.nnz**_FACTOR_POWER)
+
+
 def factor_symmetric(matrix: csc_array) -> SuperLU:
     """Sparse LU of a symmetric matrix, with its inertia in the signs of U's diagonal.
 
@@ -115,7 +126,7 @@ def factor_symmetric(matrix: csc_array) -> SuperLU:
         SingularMatrixError: the matrix is singular or not finite.
         OutOfTimeError: the estimated time is longer than what is left of the time limit.
     """
-    require_time(_FACTOR_SECONDS * matrix.nnz**_FACTOR_POWER)
+    require_time_to_factor(matrix)
     if not np.isfinite(matrix.data).all():
         raise SingularMatrixError(size=matrix.shape[0])
     try:
@@ -271,9 +282,8 @@ def face_normals(vertices: Float[np.ndarray, "n 3"], faces: Faces) -> Float[np.n
 
 
 def crossing_angles(half_edges: HalfEdges, vertices: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " h"]:
-    """Angle between the normals of the faces of each half-edge and its twin, in radians, or 0 without a twin."""
-    normals = face_normals(vertices, half_edges.origin.reshape(-1, 3))
-    here, there = np.arange(len(half_edges.origin)) // 3, half_edges.twin // 3
-    sine = np.linalg.norm(np.cross(normals[here], normals[there]), axis=1)
-    angle = np.arctan2(sine, np.einsum("hk,hk->h", normals[here], normals[there]))
-    return np.asarray(np.where(half_edges.twin < 0, 0.0, angle))
+    """Angle between the normals of the faces of each half-edge and its twin, in radians; 0 without a twin."""
+    corners, points = half_edges.origin, np.ascontiguousarray(vertices, dtype=np.float64)
+    angles = np.empty(len(corners))
+    call("crossing_angles", len(corners) // 3, corners, points, half_edges.twin, angles)
+    return angles

@@ -15,7 +15,7 @@ from spinor_geom.adapters.mesh_files import write_triangles
 from spinor_geom.deadline import require_time, seconds_left
 from spinor_geom.discrete.area_descent import harmonic_extension
 from spinor_geom.discrete.minimal_surface import DiscreteMinimalSurface, relaxed_surface
-from spinor_geom.domain.delaunay import Rims, plane_coordinates
+from spinor_geom.domain.delaunay import Rims, plane_coordinates, rim_successors
 from spinor_geom.domain.flattening import dirichlet_to_neumann, flatten_boundary
 from spinor_geom.domain.plane_domain import Boundary
 from spinor_geom.domain.sizes import EdgeLengths, edge_length_of
@@ -25,6 +25,7 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.loop_frame import LoopFrame
 from spinor_geom.mesh.operators import cotangent_laplacian, face_areas
 from spinor_geom.mesh.spacing import edge_lengths
+from spinor_geom.meshing.patch_angles import PatchAngles
 from spinor_geom.meshing.split_edges import edges_far_from_arcs, triangulated_with_split_edges
 from spinor_geom.meshing.triangulate import Piece, is_unit_disk, piece_of, require_few_points, triangulate_piece
 from spinor_geom.plateau.solution import PlateauSolution
@@ -98,6 +99,11 @@ class Patch(Shown):
     def area(self) -> float:
         """Total area of the faces, in squared mesh units."""
         return float(face_areas(self.vertices, self.faces).sum())
+
+    @cached_property
+    def angles(self) -> PatchAngles:
+        """Angles of the faces and between them."""
+        return PatchAngles.of(self.vertices, np.asarray(self.faces), rim_successors(self.rims))
 
     def write(self, path: str | os.PathLike[str]) -> tuple[str, ...]:
         """Writes a mesh file in the format of the suffix of `path`; returns and raises as `MeshFile.write`."""

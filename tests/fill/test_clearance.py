@@ -11,7 +11,7 @@ import pytest
 
 from spinor_geom.bench.holes import Hole
 from spinor_geom.bench.ragged import BALLS, bowl, cut_tube, reported_bowls
-from spinor_geom.fill.fairing import SMALLEST_ANGLE, smallest_angles
+from spinor_geom.fill.fairing import SMALLEST_ANGLE
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.mesh.intersections import intersections_between, self_intersections
 from spinor_geom.mesh.topology import HalfEdges
@@ -56,9 +56,9 @@ def test_no_patch_crosses_a_steep_or_noisy_wall(hole: Hole, continuity: Literal[
 def test_angles_are_increased_without_new_intersections(hole: Hole) -> None:
     (outcome,) = filled(hole, "C1")[1].loops
     assert outcome.intersections == 0
-    rim, others = smallest_angles(outcome.patch)
-    assert others >= SMALLEST_ANGLE
-    assert outcome.continuation.smallest_angle == pytest.approx(min(rim, others), rel=1e-8)
+    angles = outcome.patch.angles
+    assert angles.smallest_free >= SMALLEST_ANGLE
+    assert outcome.continuation.smallest_angle == pytest.approx(min(angles.at_rim, angles.smallest_free), rel=1e-8)
 
 
 @pytest.mark.parametrize("hole", every_second(STEEP), ids=lambda hole: hole.name)

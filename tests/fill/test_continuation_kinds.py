@@ -13,7 +13,7 @@ from spinor_geom.bench.cut_outs import named_cut_out
 from spinor_geom.bench.ragged import reported_bowls
 from spinor_geom.fill import fairing
 from spinor_geom.fill.collar import Bend
-from spinor_geom.fill.fairing import Faired, smallest_angles
+from spinor_geom.fill.fairing import Faired
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.fill_result import LoopOutcome
 from spinor_geom.fill.loop_choice import boundary_loops
@@ -162,8 +162,8 @@ def test_angles_below_ten_degrees_are_reported_and_those_of_the_rim_separately(a
     vertices = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0.01, 0], [1, 0.02, 0], tip])
     points = vertices @ [1, 1j, 0]
     patch = Patch(vertices=vertices, faces=np.array([[0, 1, 4], [1, 2, 3]]), boundary_size=4, points=points)
-    corner, others = smallest_angles(patch)
-    assert others == pytest.approx(angle)
+    corner = patch.angles.at_rim
+    assert patch.angles.smallest_free == pytest.approx(angle)
     assert corner == pytest.approx(np.degrees(internal_angles(vertices, np.array([[1, 2, 3]]))[0, 1]))
     assert corner < 2
     assert Faired(patch=patch, steps=0, next_step=0.0, stretch=1.0).is_thin == is_thin
@@ -211,7 +211,8 @@ def test_steep_ragged_bowls_have_no_smaller_angles_than_their_rims(number: int) 
     assert continuation is not None
     assert continuation.converged
     # measured in the frame of the loop
-    assert min(smallest_angles(smooth.patch)) == pytest.approx(continuation.smallest_angle, rel=1e-8)  # type: ignore[arg-type]
+    angles = smooth.patch.angles
+    assert min(angles.at_rim, angles.smallest_free) == pytest.approx(continuation.smallest_angle, rel=1e-8)
     assert continuation.smallest_angle >= min(10, continuation.smallest_rim_angle or np.inf)
 
 

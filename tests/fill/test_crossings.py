@@ -24,6 +24,20 @@ from tests.fill.shapes import collar, cone, figure_eight, linked_rings, spiked_t
 from tests.strategies import SEEDS, HoledDisk, RigidMotion, holed_disks, rigid_motions
 
 
+@settings(max_examples=20)
+@given(seed=SEEDS, count=st.integers(0, 300))
+def test_the_faces_in_a_box_are_those_whose_boxes_meet_it(seed: int, count: int) -> None:
+    rng = np.random.default_rng(seed)
+    vertices = rng.normal(size=(60, 3))
+    faces = rng.integers(0, 60, size=(count, 3))
+    patched = PatchedMesh(TriangleMesh(vertices, faces))
+    low = rng.normal(size=3)
+    high = low + rng.exponential(size=3)
+    corners = vertices[faces]
+    meets = (corners.min(axis=1) <= high).all(axis=1) & (corners.max(axis=1) >= low).all(axis=1)
+    np.testing.assert_array_equal(np.sort(patched.faces_in_box(low, high)), np.flatnonzero(meets))
+
+
 def loop_with(vertex: int, loops: list[BoundaryLoop]) -> int:
     return next(place for place, loop in enumerate(loops) if vertex in loop.vertex_ids)
 
