@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <limits>
 #include <numeric>
 #include <utility>
 #include <vector>
@@ -42,11 +43,11 @@ int64_t grouped(int64_t faces, const int64_t* corners, int64_t vertices, int64_t
     return edges;
 }
 
-// The unit normal of a face; 0 without area.
+// The unit normal of a face; 0 for an area within the rounding of its sides.
 Point3 normal_of(const int64_t* face, const Point3* points) {
-    const Point3 a = points[face[0]], n = cross(points[face[1]] - a, points[face[2]] - a);
-    const double size = length(n);
-    return size > 0 ? 1 / size * n : Point3{0, 0, 0};
+    const Point3 a = points[face[0]], u = points[face[1]] - a, v = points[face[2]] - a, n = cross(u, v);
+    const double size = length(n), rounding = 4 * std::numeric_limits<double>::epsilon();
+    return size > rounding * std::max(dot(u, u), dot(v, v)) ? 1 / size * n : Point3{0, 0, 0};
 }
 
 double angle_between(Point3 a, Point3 b) { return std::atan2(length(cross(a, b)), dot(a, b)); }

@@ -15,7 +15,7 @@ from spinor_geom.arrays import TINY
 from spinor_geom.deadline import is_out_of_time
 from spinor_geom.domain.delaunay import rim_successors
 from spinor_geom.domain.sizes import GRADED, EdgeLengths
-from spinor_geom.errors import OutOfTimeError, SpinorGeomError
+from spinor_geom.errors import SpinorGeomError
 from spinor_geom.fill.collar import Bend, Collar, bend_inside
 from spinor_geom.fill.fairing import (
     SMALLEST_ANGLE,
@@ -189,16 +189,14 @@ def continue_patch(patch: Patch, collar: Collar, lengths: EdgeLengths) -> Faired
         TooManyPointsError: the lengths need too many vertices.
         OutOfTimeError: a time limit has passed before there was a first result.
     """
-    faired = _continued(patch, collar)
+    plate = _plate(patch, collar)
+    faired = _continued(plate, collar)
     if faired.defect and not patch.hole_sizes and not is_out_of_time():
         again = _from_domain_of_angles(patch, collar)
         if again is not None and _rank(again)[:2] <= _rank(faired)[:2]:
             faired = replace(again, steps=faired.steps + again.steps)
-    if faired.defect and not is_out_of_time():
-        with suppress(OutOfTimeError):
-            plate = replace(_plate(patch, collar), lowered=faired.defect)
-            if not plate.patch.angles.folds:
-                faired = replace(plate, steps=faired.steps)
+    if faired.defect and not plate.patch.angles.folds and not is_out_of_time():
+        faired = replace(plate, lowered=faired.defect, steps=faired.steps)
     return _refined(faired, collar, lengths) if faired.converged else faired
 
 
@@ -208,13 +206,12 @@ def _from_domain_of_angles(patch: Patch, collar: Collar) -> Faired | None:
     with suppress(SpinorGeomError):
         start = over_domain_of_angles(patch, 2 * np.pi - beside, GRADED)
         if len(start.vertices) > start.boundary_size:
-            return _continued(start, collar)
+            return _continued(_plate(start, collar), collar)
     return None
 
 
-def _continued(patch: Patch, collar: Collar) -> Faired:
-    """The continuation from a patch, with edges that grow inwards."""
-    plate = _plate(patch, collar)
+def _continued(plate: Faired, collar: Collar) -> Faired:
+    """The continuation from a thin plate, with edges that grow inwards."""
     start = plate.patch if plate.is_good else _graded(plate.patch, collar)
     return _minimised(start, collar, partial(_graded, collar=collar))
 

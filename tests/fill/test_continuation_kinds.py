@@ -172,7 +172,7 @@ def test_angles_below_ten_degrees_are_reported_and_those_of_the_rim_separately(a
     continuation = smooth.continuation.with_angles_of(patch)
     assert continuation.smallest_angle == continuation.smallest_rim_angle == corner
     assert any("between two edges of the rim" in remark for remark in continuation.remarks)
-    continuation = replace(continuation, smallest_angle=others)
+    continuation = replace(continuation, smallest_angle=patch.angles.smallest_free)
     assert any("smallest angle" in remark for remark in continuation.remarks) == is_thin
 
 
