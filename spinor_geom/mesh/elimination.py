@@ -61,4 +61,4 @@ class Factors:
         own = self.elimination
         size, count = len(self.diagonal), solved.size // max(len(self.diagonal), 1)
         call("solve_factored", size, own.order, own.starts, self.rows, self.values, self.diagonal, count, solved)
-        return solved.T
+        return np.asarray(solved.T)
