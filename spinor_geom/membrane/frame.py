@@ -92,6 +92,8 @@ class Frame:
         ends = ends.reshape(-1, 2, 3)
         if len(ends) == 1 or not len(given):
             raise OptionError("a membrane needs two edges or more, or rings")
+        if not sides and all(ring.force is not None for _, ring in rings):
+            raise OptionError("all rings have a force, and nothing holds the film; leave out the force of one ring")
         size = float(np.linalg.norm(np.ptp(np.concatenate([ends.reshape(-1, 3), *loops]), axis=0)))
         order, backward = _chain(ends, [k for k, _ in sides], _MEETING * size)
         parts: list[CableEdge | FixedEdge] = []

@@ -222,6 +222,7 @@ def test_frames_that_collapse_are_refused() -> None:
         (lambda: [*sides(SQUARE), Stay(start=SQUARE[0], end=(-1, -1, 0), tension=1)], "no fixed edge"),
         (lambda: [Ring(points=circle(1, 0), force=np.nan)], "must be finite"),
         (lambda: [], "two edges or more"),
+        (lambda: [Ring(points=circle(1, 0), force=0.0)], "nothing holds the film"),
         (lambda: [*ring(SQUARE, tension=1.0)[:1], OpenCurve(SQUARE[[1, 2, 3, 0]], corners=[1, 2])], "has corners"),
     ],
 )
