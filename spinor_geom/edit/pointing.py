@@ -1,15 +1,14 @@
-"""Which loop a person points at in a picture, and meshes of fewer triangles for quick pictures."""
+"""Which loop a person points at in a picture."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 _NEAR = 12.0  # pixels from the pointer to a rim
 _MOST_TRIED = 50  # segments of rims near the pointer that may be hidden
-_CELLS = 110  # of a grid, along the longest side of a mesh; of its surface it has about four times the square
 
 
 def rim_at(
@@ -57,24 +56,3 @@ def plane_depth(here: Float[np.ndarray, "2"], points: Float[np.ndarray, "n 3"]) 
     """The depth at a pixel of the plane through points, which have their depth in the third column."""
     rows = np.column_stack([np.ones(len(points)), points[:, :2] - here])
     return float(np.linalg.lstsq(rows, points[:, 2])[0][0])
-
-
-def thinned(
-    vertices: Float[np.ndarray, "n 3"],
-    faces: Int[np.ndarray, "f 3"],
-    is_kept: Bool[np.ndarray, " n"],
-) -> tuple[Float[np.ndarray, "m 3"], Int[np.ndarray, "g 3"], Int[np.ndarray, " m"], Int[np.ndarray, " g"]]:
-    """A mesh with one vertex in each cell of a grid, the mean of those there, and the vertices that are to be kept.
-
-    Returns:
-        Its vertices and faces, and the index of a vertex, or a face, of the given mesh for each of them.
-    """
-    low = vertices.min(axis=0)
-    step = float((vertices.max(axis=0) - low).max()) / _CELLS or 1.0
-    cell = ((vertices - low) / step).astype(np.int64) @ [1, _CELLS + 1, (_CELLS + 1) ** 2]
-    cell[is_kept] = -1 - np.flatnonzero(is_kept)
-    _, places, new = np.unique(cell, return_index=True, return_inverse=True)
-    corners = new[faces]
-    kept = np.flatnonzero((corners != np.roll(corners, 1, axis=1)).all(axis=1))
-    means = np.stack([np.bincount(new, weights=axis) for axis in vertices.T], axis=1) / np.bincount(new)[:, None]
-    return means, corners[kept], places, kept

@@ -18,7 +18,7 @@ from spinor_geom.adapters import MeshFile
 from spinor_geom.domain.delaunay import rim_successors
 from spinor_geom.edit.filler import Work
 from spinor_geom.edit.panel import panel
-from spinor_geom.edit.pointing import plane_depth, polygons_at, rim_at, thinned, triangles_at
+from spinor_geom.edit.pointing import plane_depth, polygons_at, rim_at, triangles_at
 from spinor_geom.edit.session import Preview, Session
 from spinor_geom.files import up_axis
 from spinor_geom.fill.filling import Filling
@@ -28,11 +28,13 @@ from spinor_geom.render.camera import Camera
 from spinor_geom.render.fill_scene import skin_of, used_vertices
 from spinor_geom.render.png import add_faces, place, require_window
 from spinor_geom.render.scene import MESH, PATCH, RIM_COLOUR, Faces
+from spinor_geom.render.thinned import thinned
 
 SIZE, PANEL = (1400, 900), 0.34  # of the window, and the panel's share of its width
 COLOURS = {"film": PATCH["colour"], "smooth": "#3aa687", "open": RIM_COLOUR, "waits": "#9b3fc4", "bad": "#d62728"}
 POINTED, MARKED = "#ffd400", "#e0218a"
 _MOST_FACES = 100_000  # drawn as they are
+_CELLS = 110  # of the grid of a coarser mesh, along its longest side; the surface has about four times the square
 _STEP = 100  # milliseconds between two looks at the processes
 _DRAG = 4  # pixels that the pointer moves at least in a drag
 _DEPTH = 0.02  # what is hidden by less than this share of the mesh's size counts as seen
@@ -118,7 +120,8 @@ class Window:
         if len(faces) > _MOST_FACES:
             is_kept = np.zeros(len(vertices), dtype=bool)
             is_kept[np.concatenate([loop.vertex_ids for loop in self._loops])] = True
-            vertices, faces, places, kept = thinned(vertices, faces, is_kept)
+            step = float(np.ptp(self._drawn(used_vertices(mesh)), axis=0).max()) / _CELLS
+            vertices, faces, places, kept = thinned(vertices, faces, is_kept, step)
             if "image" in skin:
                 skin = {**skin, "skin": skin["skin"].reshape(-1, 3, 2)[kept].reshape(-1, 2)}
             elif skin:

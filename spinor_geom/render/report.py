@@ -44,6 +44,7 @@ from spinor_geom.render.loop_views import (
 )
 from spinor_geom.render.page import Views, cell, document, folded, panel, picture, require_html, table
 from spinor_geom.render.scene import Scene
+from spinor_geom.render.thinned import thinned
 
 MOST_LOOPS = 8  # loops with exact surfaces, the longest first, whose Ω and functions are shown
 MOST_FACES = 120_000  # triangles of the mesh that are shown: half of them as they are, near its loops
@@ -264,34 +265,23 @@ def _short_table(outcomes: Sequence[LoopOutcome]) -> str:
 
 
 def _shown(mesh: TriangleMesh, points: np.ndarray, most: int) -> TriangleMesh:
-    """A mesh of at most `most` triangles: those nearest to some points, and a coarser mesh of the others.
-
-    Far from the points, vertices in one cell of a cubic grid become one, at the mean of their positions.
-    """
+    """A mesh of at most `most` triangles: those nearest to some points, and a coarser mesh of the others."""
     faces = np.asarray(mesh.faces)
     if len(faces) <= most:
         return mesh
     distance = cKDTree(points).query(mesh.vertices[faces].mean(axis=1))[0]
     is_near = np.zeros(len(faces), dtype=bool)
     is_near[np.argpartition(distance, most // 2)[: most // 2]] = True
-    used = np.unique(faces)
-    vertices, place = mesh.vertices[used], np.searchsorted(used, faces)
-    kept = np.zeros(len(used), dtype=bool)
-    kept[place[is_near]] = True
-    # a surface of area A has about 2A/h² triangles with edges of length h
-    cell = float(np.sqrt(2 * face_areas(vertices, place[~is_near]).sum() / (most / 2)))
+    is_kept = np.zeros(len(mesh.vertices), dtype=bool)
+    is_kept[faces[is_near]] = True
+    # a surface of area A has about 2A/h² triangles with edges of length h; at most as many cells as numbers
+    step = float(np.sqrt(2 * face_areas(mesh.vertices, faces[~is_near]).sum() / (most / 2)))
+    step = max(step, 1e-6 * float(distance.max()))
     while True:
-        key = np.floor((vertices - vertices.min(axis=0)) / cell).astype(np.int64)
-        key[kept] = np.column_stack([-1 - np.flatnonzero(kept), *np.zeros((2, int(kept.sum())), dtype=np.int64)])
-        _, group = np.unique(key, axis=0, return_inverse=True)
-        group = group.ravel()
-        corners = group[place]
-        shown = corners[(corners != corners[:, [1, 2, 0]]).all(axis=1)]
+        vertices, shown, _, _ = thinned(mesh.vertices, faces, is_kept, step)
         if len(shown) <= most:
-            count = np.bincount(group)
-            means = np.column_stack([np.bincount(group, weights=x) for x in vertices.T]) / count[:, None]
-            return TriangleMesh(means, shown)
-        cell *= _COARSER
+            return TriangleMesh(vertices, shown)
+        step *= _COARSER
 
 
 def _loop_table(outcomes: Sequence[LoopOutcome]) -> str:

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import trimesh
 
-from spinor_geom.edit.pointing import plane_depth, rim_at, thinned, triangles_at
-from spinor_geom.mesh.topology import boundary_edges
-from tests.edit.meshes import ball
+from spinor_geom.edit.pointing import plane_depth, rim_at, triangles_at
 
 # two squares in pixels, one in the other, at depths 0.4 and 0.2
 SQUARE = np.array([[0.0, 0, 0], [100, 0, 0], [100, 100, 0], [0, 100, 0]])
@@ -43,21 +40,3 @@ def test_triangles_contain_what_is_inside_whatever_their_orientation() -> None:
     np.testing.assert_array_equal(triangles_at(np.array([60.0, 20]), corners), [0, 1])
     np.testing.assert_array_equal(triangles_at(np.array([20.0, 60]), corners), [2])
     assert len(triangles_at(np.array([20.0, 60]), np.zeros((0, 3, 3)))) == 0
-
-
-@pytest.mark.parametrize("shift", [0.0, 3.0])
-def test_a_thinned_mesh_has_the_same_shape_and_the_same_rims(shift: float) -> None:
-    vertices, faces = ball(shift)
-    fine = trimesh.Trimesh(vertices, faces, process=False).subdivide().subdivide().subdivide()
-    vertices, faces = np.array(fine.vertices), np.array(fine.faces)
-    rims = boundary_edges(faces)
-    is_kept = np.zeros(len(vertices), dtype=bool)
-    is_kept[rims.ravel()] = True
-    positions, new, places, kept = thinned(vertices, faces, is_kept)
-    assert len(new) < 0.5 * len(faces)
-    assert len(kept) == len(new)
-    assert trimesh.Trimesh(positions, new, process=False).area == pytest.approx(fine.area, rel=0.01)
-    np.testing.assert_array_equal(positions[is_kept[places]], vertices[places[is_kept[places]]])
-    given = {tuple(edge) for edge in np.sort(rims, axis=1).tolist()}
-    left = {tuple(edge) for edge in np.sort(places[boundary_edges(new)], axis=1).tolist()}
-    assert given <= left
