@@ -265,21 +265,21 @@ def _short_table(outcomes: Sequence[LoopOutcome]) -> str:
 
 
 def _shown(mesh: TriangleMesh, points: np.ndarray, most: int) -> TriangleMesh:
-    """A mesh of at most `most` triangles: those nearest to some points, and a coarser mesh of the others."""
+    """A mesh of about at most `most` triangles: those nearest to some points, and a coarser mesh of the others."""
     faces = np.asarray(mesh.faces)
     if len(faces) <= most:
         return mesh
-    distance = cKDTree(points).query(mesh.vertices[faces].mean(axis=1))[0]
+    distance = np.asarray(cKDTree(points).query(mesh.vertices[faces].mean(axis=1))[0])
     is_near = np.zeros(len(faces), dtype=bool)
     is_near[np.argpartition(distance, most // 2)[: most // 2]] = True
     is_kept = np.zeros(len(mesh.vertices), dtype=bool)
     is_kept[faces[is_near]] = True
-    # a surface of area A has about 2A/h² triangles with edges of length h; at most as many cells as numbers
-    step = float(np.sqrt(2 * face_areas(mesh.vertices, faces[~is_near]).sum() / (most / 2)))
-    step = max(step, 1e-6 * float(distance.max()))
+    reach = float(distance.max())
+    # a surface of area A has about 2A/h² triangles with edges of length h
+    step = max(float(np.sqrt(2 * face_areas(mesh.vertices, faces[~is_near]).sum() / (most / 2))), 1e-3 * reach)
     while True:
         vertices, shown, _, _ = thinned(mesh.vertices, faces, is_kept, step)
-        if len(shown) <= most:
+        if len(shown) <= most or step >= reach:
             return TriangleMesh(vertices, shown)
         step *= _COARSER
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 
 import spinor_geom
 from spinor_geom.adapters.mesh_files import write_triangles
@@ -18,6 +19,7 @@ from spinor_geom.bench.odd_holes import facing_rims
 from spinor_geom.cli.main import main
 from spinor_geom.fill.fill_result import FillResult
 from spinor_geom.mesh.operators import face_areas
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.render.loop_views import DISTANCE, GAUSS, MEAN, loop_views
 from spinor_geom.render.page import Views
 from spinor_geom.render.report import MOST_FACES, _shown
@@ -198,6 +200,12 @@ def test_the_command_writes_the_page_with_comparisons(tmp_path: Path) -> None:
     text = target.read_text(encoding="utf-8")
     assert "<td>to the surface, max</td>" in text
     assert sorted(path.name for path in target.parent.iterdir()) == ["report.html"]
+
+
+def test_a_coarser_mesh_of_a_mesh_that_has_shrunk_to_a_line_ends() -> None:
+    ball = trimesh.creation.icosphere(subdivisions=4)
+    line = TriangleMesh(np.array(ball.vertices * [1, 0, 0]), np.array(ball.faces))
+    assert len(_shown(line, line.vertices[:5], 500).faces) < len(line.faces)
 
 
 def test_a_large_mesh_is_shown_whole_and_as_it_is_near_its_loops() -> None:
