@@ -19,7 +19,6 @@ _POINTS = np.ctypeslib.ndpointer(np.complex128, flags="C_CONTIGUOUS")
 _REGION = (_INTEGER, _POINTS, _INDICES, _NUMBER, _NUMBER, _INTEGER, _POINTS, _NUMBERS, _INTEGER)  # see size_field.hpp
 
 _MATRIX = (_SHORT_INDICES, _SHORT_INDICES, _NUMBERS)  # starts of columns, rows, values
-_FACTORS = (_INDICES, _SHORT_INDICES, _NUMBERS, _NUMBERS)  # starts of columns, rows, values, diagonal
 _FORM = (*_MATRIX, _NUMBERS, _NUMBERS, _NUMBER, *_MATRIX)  # of a function on the vertices; see bending.cpp
 
 # the arguments of each function, as in `cpp`
@@ -53,9 +52,6 @@ FUNCTIONS: dict[str, tuple[Any, ...]] = {
     "bending": (_INTEGER, _NUMBERS, _INTEGER, _INDICES, _NUMBERS, _NUMBER, *_MATRIX, _NUMBERS, _NUMBERS, _NUMBERS),
     "bending_stiffness": (_INTEGER, _INTEGER, *_FORM, _INTEGER, *_MATRIX),
     "bending_residual": (_INTEGER, _INTEGER, *_FORM, _NUMBERS, _NUMBERS),
-    "eliminate": (_INTEGER, _SHORT_INDICES, _SHORT_INDICES, _INDICES, _INDICES, _INDICES),
-    "factor": (_INTEGER, *_MATRIX, _INDICES, _INDICES, *_FACTORS),
-    "solve_factored": (_INTEGER, _INDICES, *_FACTORS, _INTEGER, _NUMBERS),
     "minimum_area_splits": (_INTEGER, _NUMBERS, _NUMBER, _NUMBER, _INDICES),
 }
 

@@ -25,8 +25,7 @@ from spinor_geom.arrays import TINY
 from spinor_geom.deadline import is_out_of_time
 from spinor_geom.errors import OutOfTimeError
 from spinor_geom.fill.collar import Collar, stretch_across_creases
-from spinor_geom.mesh.elimination import Elimination, Factors
-from spinor_geom.mesh.operators import Bending, BendingForm, graph_laplacian, side_lengths
+from spinor_geom.mesh.operators import Bending, BendingForm, factor_symmetric, graph_laplacian, side_lengths
 from spinor_geom.meshing.embed import Patch
 
 # Measured, here and in `continuation`, on 111 holes: 70 generated ones, and rims of scans and of defective meshes.
@@ -81,7 +80,7 @@ class Faired:
 
 
 def thin_plate(patch: Patch, collar: Collar) -> Faired:
-    """Minimises ∫|Δx|², with the Laplacian of the patch: a linear problem; raises as `minimised_curvature`."""
+    """Minimises ∫|Δx|², with the Laplacian of the patch: a linear problem; raises as `factor_symmetric`."""
     equations = _Equations(patch, collar)
     x = equations.smoothed(np.concatenate([patch.vertices[patch.boundary_size :], collar.vertices]))
     return replace(_faired(patch, x[: equations.free], 0, 0.0), order="thin plate")
@@ -132,7 +131,6 @@ class _Equations:
         # ∇H is defined on faces with three vertices where H is defined
         known = bends[self._faces].all(axis=1)
         self._known = None if known.all() else known
-        self._elimination: Elimination | None = None  # of all stiffnesses
 
     @cached_property
     def _stretch(self) -> Float[np.ndarray, "f 3 3"] | None:
@@ -143,7 +141,7 @@ class _Equations:
         laplacian = graph_laplacian(self._faces)
         own, form = laplacian[:n, :n], collar.third_form.reshape(-1, 9)
         # means of neighbours, because the cotangent Laplacian may have negative weights
-        inner = Elimination.of(own).factored(own).solve(-(laplacian[:n, n:] @ form))
+        inner = factor_symmetric(own).solve(-(laplacian[:n, n:] @ form))
         return stretch_across_creases(np.concatenate([inner, form]).reshape(-1, 3, 3), self._faces, collar.variation)
 
     def smoothed(self, x: Positions) -> Positions:
@@ -153,14 +151,14 @@ class _Equations:
         laplacian, kept = bending.laplacian, x.copy()
         kept[:n] = 0
         pull = laplacian @ (form.weights[:, None] * (laplacian @ kept))
-        return np.concatenate([self._factored(form).solve(-pull[:n] / 2), x[n:]])
+        return np.concatenate([factor_symmetric(form.stiffness).solve(-pull[:n] / 2), x[n:]])
 
     def approached(self, x: Positions) -> tuple[Positions, float]:
         """Positions after some steps of at most one edge, and the length of the last step in local edges."""
         n, length = self.free, np.inf
         for _ in range(_APPROACH):
             form, residual = self._at(x)
-            step = -self._factored(form).solve(residual)
+            step = -factor_symmetric(form.stiffness).solve(residual)
             length = float((np.abs(step) / np.sqrt(form.bending.areas[:n])).max())
             x = x.copy()
             x[:n] += step[:, None] / max(length, 1.0) * form.bending.normals[:n]
@@ -179,7 +177,7 @@ class _Equations:
         n, steps, damping = self.free, 0, 1.0
         form, residual = self._at(x)
         edge = float(np.sqrt(form.bending.areas[:n].mean()))
-        factor = self._factored(form)
+        factor = factor_symmetric(form.stiffness)
         step = -factor.solve(residual)
         length = float(np.sqrt(np.mean(step**2)))
         while np.abs(step).max() > STEP_TOLERANCE * edge:
@@ -197,7 +195,7 @@ class _Equations:
             steps += 1
             if damping < 1 or following_length > _QUICK * length:
                 with suppress(OutOfTimeError):  # the steps with the old factors converge more slowly
-                    factor = self._factored(there)
+                    factor = factor_symmetric(there.stiffness)
                     following = -factor.solve(residual)
                     following_length = float(np.sqrt(np.mean(following**2)))
             x, form, step, length, damping = moved, there, following, following_length, 1.0
@@ -206,11 +204,6 @@ class _Equations:
             x = x.copy()
             x[:n] += step[:, None] * form.bending.normals[:n]
         return x, steps, left
-
-    def _factored(self, form: BendingForm) -> Factors:
-        stiffness = form.stiffness
-        self._elimination = self._elimination or Elimination.of(stiffness)
-        return self._elimination.factored(stiffness)
 
     def _form(self, x: Positions, bending: Bending, squared_length: float) -> BendingForm:
         weights, inside = np.zeros(len(x)), self.inside

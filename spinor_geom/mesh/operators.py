@@ -114,11 +114,6 @@ def vertices_to_factor(seconds: float) -> float:
     return float((max(seconds, 0.0) / _FACTOR_SECONDS) ** (1 / _FACTOR_POWER) / 7)
 
 
-def require_time_to_factor(matrix: csc_array) -> None:
-    """Raises an OutOfTimeError if the estimated time of a factorisation is longer than what is left."""
-    require_time(_FACTOR_SECONDS * matrix.nnz**_FACTOR_POWER)
-
-
 def factor_symmetric(matrix: csc_array) -> SuperLU:
     """Sparse LU of a symmetric matrix, with its inertia in the signs of U's diagonal.
 
@@ -126,7 +121,7 @@ def factor_symmetric(matrix: csc_array) -> SuperLU:
         SingularMatrixError: the matrix is singular or not finite.
         OutOfTimeError: the estimated time is longer than what is left of the time limit.
     """
-    require_time_to_factor(matrix)
+    require_time(_FACTOR_SECONDS * matrix.nnz**_FACTOR_POWER)
     if not np.isfinite(matrix.data).all():
         raise SingularMatrixError(size=matrix.shape[0])
     try:

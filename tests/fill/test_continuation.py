@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 from scipy.sparse import csc_array
+from scipy.sparse.linalg import SuperLU
 from scipy.spatial import ConvexHull
 
 from spinor_geom.bench.holes import plane_square
@@ -21,7 +22,7 @@ from spinor_geom.errors import (
     SpinorGeomError,
     TooManyPointsError,
 )
-from spinor_geom.fill import continuation
+from spinor_geom.fill import continuation, fairing
 from spinor_geom.fill.collar import Collar, bend_across, collar_of
 from spinor_geom.fill.continuation import continue_patch
 from spinor_geom.fill.fairing import Faired, minimised_curvature
@@ -30,7 +31,6 @@ from spinor_geom.fill.fill_result import LoopOutcome
 from spinor_geom.fill.loop_choice import boundary_loops
 from spinor_geom.fill.patched_mesh import PatchedMesh
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.elimination import Elimination, Factors
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import Patch
 from tests.fill.shapes import cone, cylinder, rounds_and_rows, without
@@ -394,15 +394,15 @@ def test_a_continuation_out_of_time_is_the_best_so_far(monkeypatch: pytest.Monke
     _, film, collar = with_film(mesh)
     with time_limit(0.0), pytest.raises(OutOfTimeError):
         continue_patch(film, collar, GRADED)
-    real, left = Elimination.factored, [4]  # for two thin plates, the metric and the first Newton step
+    real, left = fairing.factor_symmetric, [4]  # for two thin plates, the metric and the first Newton step
 
-    def late_after_two(self: Elimination, matrix: csc_array) -> Factors:
+    def late_after_two(matrix: csc_array) -> SuperLU:
         left[0] -= 1
         if left[0] < 0:
             raise OutOfTimeError
-        return real(self, matrix)
+        return real(matrix)
 
-    monkeypatch.setattr(Elimination, "factored", late_after_two)
+    monkeypatch.setattr(fairing, "factor_symmetric", late_after_two)
     monkeypatch.setattr(continuation, "is_out_of_time", lambda: left[0] < 0)
     moved = continue_patch(film, collar, GRADED)
     assert left[0] < 0
