@@ -17,6 +17,7 @@ from spinor_geom.fill.fairing import Faired
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.fill_result import LoopOutcome
 from spinor_geom.fill.loop_choice import boundary_loops
+from spinor_geom.measures import distances_to_mesh, mesh_samples
 from spinor_geom.mesh.operators import internal_angles
 from spinor_geom.meshing.embed import Patch
 from tests.fill.shapes import cylinder, rounds_and_rows, without
@@ -226,3 +227,32 @@ def test_a_repeated_position_on_the_rim_raises_no_untyped_error(subdivisions: in
     mesh[0][rim[0]] = mesh[0][rim[1]]
     (outcome,) = fill_hole(mesh, continuity="C1", return_report=True)[1].loops
     assert outcome.filled
+
+
+def mirrored_sheet(rng: np.random.Generator) -> Mesh:
+    """A wavy sheet with noise and a hole, symmetric in x with its triangles."""
+    n = 16
+    x, y = (k.ravel() for k in np.meshgrid(np.linspace(0, 1, n + 1), np.linspace(-1, 1, 2 * n + 1), indexing="ij"))
+    wave = rng.uniform(0, 0.3) * np.cos(5 * x) * np.sin(3 * y + 1)
+    half = np.stack([x, y, wave + 0.5 * x**2 + rng.uniform(0, 0.003) * rng.normal(size=len(x))], axis=1)
+    grid = np.arange(len(x)).reshape(n + 1, -1)
+    a, b, c, d = (k.ravel() for k in (grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]))
+    faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+    image = np.where(x == 0, np.arange(len(x)), len(x) + np.arange(len(x)))
+    both = np.concatenate([half, half * [-1, 1, 1]]), np.concatenate([faces, image[faces][:, ::-1]])
+    wide, high = rng.uniform(0.2, 0.6, 2)
+    centres = both[0][both[1]].mean(axis=1)
+    return without(both, np.hypot(centres[:, 0] / wide, centres[:, 1] / high) < 1)
+
+
+@pytest.mark.parametrize("seed", every_second(range(6)))
+def test_mirror_symmetric_rims_get_symmetric_patches(seed: int) -> None:
+    mesh = mirrored_sheet(np.random.default_rng([seed, 3]))
+    outcome = fill_hole(mesh, 1, continuity="C1", return_report=True)[1].loops[1]
+    assert (outcome.kind, outcome.converged) == ("smooth", True)
+    patch = outcome.patch
+    assert patch is not None
+    samples = mesh_samples(patch.vertices, np.asarray(patch.faces), 2000)
+    away = distances_to_mesh(samples.points * [-1, 1, 1], patch.vertices, np.asarray(patch.faces))
+    # the triangles are not symmetric: where the surface is curved, their middles are off it
+    assert np.sqrt(np.average(away**2, weights=samples.areas)) < 1e-3 * outcome.loop.diagonal

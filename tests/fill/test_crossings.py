@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from spinor_geom.adapters import read_mesh
 from spinor_geom.errors import SelfCrossingLoopError
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.fill_result import FillResult, LoopOutcome
@@ -205,3 +207,13 @@ def test_crossings_of_unchanged_faces_need_no_second_test(seed: int, share: floa
 def total(crossings: Crossings) -> int:
     assert bool(crossings.notes) == bool(len(crossings.own) + len(crossings.mesh) + len(crossings.patches))
     return len(crossings.own) + len(crossings.mesh) + len(crossings.patches)
+
+
+@pytest.mark.parametrize(
+    ("name", "places"), [("trimesh_reference.obj", [0, 1]), ("plane_holes.obj", [1, 2, 20]), ("spot_cut.obj", [2, 60])]
+)
+def test_patches_of_real_meshes_cross_nothing(name: str, places: list[int]) -> None:
+    _, report = fill_hole(read_mesh(Path(__file__).parents[2] / "data" / name), places, return_report=True)
+    assert all(report.loops[place].filled for place in places)
+    assert report.intersection_free
+    assert all(outcome.remarks == () for outcome in report.loops)

@@ -331,3 +331,19 @@ def test_what_cannot_end_within_the_limit_is_not_begun(monkeypatch: pytest.Monke
     assert late.intersections > cleared.intersections
     why = "no time for it" if continuity == "C1" else "time limit ended the removal of intersections"
     assert any(why in remark for remark in late.remarks)
+
+
+def test_the_closed_volume_is_right() -> None:
+    # the polyhedron between two flat caps and straight sides: divergence theorem against prismatoids of 16-gons
+    sides = 16
+    vertices, faces = fill_hole(tube(sides, 2))
+    volume = np.einsum("fi,fi->", vertices[faces[:, 0]], face_normals(vertices, faces)) / 6
+    polygon = sides * np.sin(2 * np.pi / sides) / 2
+    # the quads of a frustum's sides are flat, so its volume is h (A + √(AB) + B)/3
+    np.testing.assert_allclose(volume, 0.5 * polygon * (1 + 0.9 + 0.81) / 3, rtol=1e-12)
+
+
+def test_max_perimeter_leaves_longer_loops_open() -> None:
+    _, report = fill_hole(disk_with_hole(), max_perimeter=4.0, return_report=True)
+    assert [outcome.filled for outcome in report.loops] == [False, True]
+    assert "max_perimeter" in report.loops[0].reason

@@ -13,7 +13,7 @@ from spinor_geom.mesh.topology import is_watertight
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
 from spinor_geom.meshing.embed import Patch
 from tests.fill.shapes import as_mesh, cone, fan, folded_quad, on_circle, tube, undirected_edges
-from tests.strategies import ragged_meshes
+from tests.strategies import holed_disks, ragged_meshes
 from tests.validity import validate
 
 
@@ -141,3 +141,14 @@ def test_ragged_meshes_filled_by_chords_are_watertight_and_valid(mesh: TriangleM
     _, uses = np.unique(undirected_edges(filled.faces), axis=0, return_counts=True)
     assert uses.max() <= 2
     assert is_watertight(filled.faces) == complete
+
+
+@settings(max_examples=20, deadline=None)
+@given(disk=holed_disks(), apex=st.integers(0, 1000))
+def test_disks_with_holes_become_spheres(disk: object, apex: int) -> None:
+    filled, complete = filled_with_fans(disk.mesh, apex)  # type: ignore[attr-defined]
+    assert complete
+    assert is_watertight(filled.faces)
+    used = len(np.unique(filled.faces))
+    edges = len(np.unique(undirected_edges(filled.faces), axis=0))
+    assert used - edges + len(filled.faces) == 2

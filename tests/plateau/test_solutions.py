@@ -203,3 +203,23 @@ def test_search_in_which_nothing_is_found_raises_the_first_error(monkeypatch):
     monkeypatch.setattr(disk_search, "first_disk", no_fill)
     with pytest.raises(FirstFillError, match="no fill"):
         find_disks(rim, _fails)
+
+
+@pytest.mark.parametrize("radius", [1.1, pytest.param(1.5, marks=pytest.mark.slow)])
+def test_ennepers_own_disk_is_the_unstable_one_of_three(radius):
+    *stable, own = all_disks("Enneper", radius)
+    assert [s.stability.index for s in stable] == [0, 0]
+    assert own.stability.verdict == "unstable"
+    assert own.stability.index == 1
+    assert is_area(own.area, gallery.enneper(radius).area)
+    assert is_area(stable[0].area, stable[1].area, 1e-7)
+    assert stable[0].area < own.area
+
+
+@pytest.mark.parametrize("radius", [1.02, pytest.param(1.5, marks=pytest.mark.slow)])
+def test_ennepers_disk_is_left_near_and_far_from_its_threshold(monkeypatch, radius):
+    start_round(monkeypatch)
+    solution = solve_plateau(gallery.enneper(radius).rim(64), model="cauchy")
+    assert solution.stability.verdict == "stable"
+    assert solution.converged
+    assert solution.area < (1 - 1e-4) * gallery.enneper(radius).area
