@@ -140,7 +140,7 @@ def in_blender(text):
 
 
 def chosen_loops(obj, loops):
-    """The indices of the loops with a selected edge, or else with a selected vertex; and of those with hidden ones."""
+    """The indices of the loops with a selected edge, or else with a selected vertex, and of those with hidden ones."""
     edited = bmesh.from_edit_mesh(obj.data)
     edited.verts.ensure_lookup_table()
     rims = [[edited.verts[index] for index in loop.vertex_ids.tolist()] for loop in loops]

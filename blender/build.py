@@ -14,7 +14,7 @@ from pathlib import Path
 
 HERE = Path(__file__).parent
 PYTHON = (3, 13)  # Blender's
-# by Blender's names; on macOS pip takes wheels for earlier versions, too
+# by Blender's names. On macOS pip takes wheels for earlier versions, too
 PLATFORM_TAGS = {
     "linux-x64": ["linux_x86_64", "manylinux2014_x86_64", *(f"manylinux_2_{minor}_x86_64" for minor in range(18, 29))],
     "macos-arm64": ["macosx_14_0_arm64"],

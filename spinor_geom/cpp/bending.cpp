@@ -106,7 +106,7 @@ private:
 
 }  // namespace
 
-// The Laplacian of `count` vertices; `rows` and `values` have room for count + 6 faces entries.
+// The Laplacian of `count` vertices. `rows` and `values` have room for count + 6 faces entries.
 ENTRY_POINT int intrinsic_laplacian(
     int64_t count, int64_t faces, const double* lengths, const int64_t* corners, int32_t* starts, int32_t* rows, double* values) {
     return outcome_of([=] { assemble(count, faces, lengths, corners, {starts, rows, values}); });
@@ -168,8 +168,8 @@ ENTRY_POINT int bending(
 }
 
 // ½ L W (A + ℓ² G) W L among the first `free` of `count` vertices, with the Laplacian L, the areas A, the diagonal weights
-// W and ℓ² = `squared_length`; G is not used if that is 0. `rows` and `values` have room for `room` entries; if
-// `starts[free]` is larger, they are not complete.
+// W and ℓ² = `squared_length`. G is not used if that is 0. `rows` and `values` have room for `room` entries. They
+// are not complete if `starts[free]` is larger.
 ENTRY_POINT int bending_stiffness(
     int64_t count, int64_t free, const int32_t* laplacian_starts, const int32_t* laplacian_rows, const double* laplacian,
     const double* weights, const double* areas, double squared_length, const int32_t* form_starts,

@@ -13,7 +13,7 @@
 
 namespace plane {
 
-// a boundary edge subtends at most 110 degrees at new points; 90 would leave no room beside short edges next to long ones
+// a boundary edge subtends at most 110 degrees at new points. 90 would leave no room beside short edges next to long ones
 const double kWidestView = std::cos((180 - 110) * kPi / 180);
 
 // The edges of the boundary, and tests of points against them.
@@ -97,7 +97,7 @@ public:
         return sum;
     }
 
-    // Points inside of the triangular lattice with rows along the x-axis; fewer rows if the time is over.
+    // Points inside of the triangular lattice with rows along the x-axis. There are fewer rows if the time is over.
     std::vector<Point> lattice(double spacing, TimeLimit& limit) const {
         std::vector<Point> points;
         std::vector<double> crossings;

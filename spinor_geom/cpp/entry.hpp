@@ -16,7 +16,7 @@
 // Thrown where the time is over and there is no result yet.
 struct OutOfTime {};
 
-// What an entry point returns; kernel.py makes exceptions of it.
+// What an entry point returns. kernel.py makes exceptions of it.
 enum Outcome : int { kDone = 0, kOutOfMemory = 1, kOutOfTime = 2, kFailed = 3 };
 
 // The outcome of a function without arguments.
@@ -36,7 +36,7 @@ int outcome_of(Function function) noexcept {
     }
 }
 
-// A time limit, which loops look at in each step; the clock itself is read every 1024 steps. A long step counts as many.
+// A time limit, which loops look at in each step. The clock itself is read every 1024 steps. A long step counts as many.
 class TimeLimit {
 public:
     explicit TimeLimit(double seconds) : end_(now() + seconds), is_over_(seconds < 0) {}

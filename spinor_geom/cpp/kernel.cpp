@@ -1,6 +1,6 @@
 // Delaunay refinement of plane regions: sizes, first points, insertion, smoothing. Called through kernel.py.
 //
-// Coordinates are those of a region with centre 0 and radius 1. Triangles run counter-clockwise; neighbour k of a
+// Coordinates are those of a region with centre 0 and radius 1. Triangles run counter-clockwise. Neighbour k of a
 // triangle lies across its edge from vertex k to the next, and -1 is the boundary. No point is put on the boundary.
 
 #include <cstdint>
@@ -14,7 +14,7 @@
 
 using namespace plane;
 
-// Which sources this file was compiled from; see `load` of kernel.py.
+// Which sources this file was compiled from (see `load` of kernel.py).
 ENTRY_POINT uint32_t sources_digest() { return SOURCES_DIGEST; }
 
 // Wanted edge lengths at points. The first parameters are those of a Region.
@@ -60,7 +60,7 @@ ENTRY_POINT int refine(
 
 // Remeshes a surface in space, of which the first `fixed` vertices are kept, until the time is over. The first parameters
 // are those of a RegionOf<Point3>. `vertices` has room for `most` ones, `faces` for twice as many. `counts` are the numbers
-// of vertices and faces, before and after. `enough` is an angle that is not increased by flips; without smoothings only
+// of vertices and faces, before and after. `enough` is an angle that is not increased by flips. Without smoothings only
 // vertices of triangles with smaller angles move.
 ENTRY_POINT int remesh(
     int64_t boundary_size, const Point3* boundary, const int64_t* after, double growth, double decay,

@@ -22,7 +22,7 @@ namespace plane {
 constexpr double kLargestRadius = 0.75;
 // share of that radius, by the mean of the sizes at the vertices, above which the size at the centroid is computed
 constexpr double kDoubtful = 0.8;
-// longest inner edge between two boundary vertices, in wanted edge lengths; shorter where it cuts off one vertex
+// longest inner edge between two boundary vertices, in wanted edge lengths, and the longest one that cuts off one vertex
 constexpr double kLongestBridge = 1.45, kLongestEar = 1.05;
 constexpr int kBridgeRounds = 3;
 constexpr double kRoundEnough = 0.4;  // smoothing must not reduce the roundness (1: equilateral) of triangles below this
@@ -196,7 +196,7 @@ private:
 
     Point point(int i) const { return output_.points[i]; }
 
-    // The triangle that contains p, reached on a straight walk inside the region; -1 if the walk leaves it.
+    // The triangle that contains p, reached on a straight walk inside the region, or -1 if the walk leaves it.
     int walk(Point p, int t, size_t most_steps) const {
         for (size_t step = 0; step < most_steps; ++step) {
             int way_out = 0;
@@ -318,7 +318,7 @@ private:
                poor.radius > kLargestRadius * size_((1.0 / 3) * (point(v[0]) + point(v[1]) + point(v[2])));
     }
 
-    // Puts the corners of triangles that a move would flip or make thin back; whether all others can move.
+    // Puts the corners of triangles that a move would flip or make thin back. Returns whether all others can move.
     bool hold_back(std::vector<Point>& moved) const {
         for (int round = 0; round < 10; ++round) {
             std::vector<int> back;
@@ -386,7 +386,7 @@ private:
         }
     }
 
-    // Flips edge k of a triangle if it is not Delaunay and the two new triangles are counter-clockwise; the other
+    // Flips edge k of a triangle if it is not Delaunay and the two new triangles are counter-clockwise. Returns the other
     // triangle, or -1 if the edge stays.
     int flipped(int t, int k) {
         const int other = triangles_[t].across[k];

@@ -161,7 +161,7 @@ Box box_of(const Point3* points, const int64_t* face) { return Box(Corners{point
 }  // namespace
 
 // Sorts faces by the cells of a grid with `cells` ones in each direction. `order` has the faces of one cell after the other,
-// those of cell c from starts[c] on; boxes[c] is the box of these faces. Empty cells are left out; `cell_count` becomes the
+// those of cell c from starts[c] on. boxes[c] is the box of these faces. Empty cells are left out. `cell_count` becomes the
 // number of the others.
 ENTRY_POINT int sort_by_cells(
     const Point3* points, int64_t faces, const int64_t* corners, int64_t cells, int64_t* order, int64_t* starts,
@@ -192,7 +192,7 @@ ENTRY_POINT int sort_by_cells(
     });
 }
 
-// The faces whose boxes meet a box, from the result of `sort_by_cells`; `found` has room for all of them.
+// The faces whose boxes meet a box, from the result of `sort_by_cells`. `found` has room for all of them.
 ENTRY_POINT int faces_in_box(
     const Point3* points, int64_t faces, const int64_t* corners, const int64_t* order, int64_t cell_count,
     const int64_t* starts, const double* boxes, const double* low_and_high, int64_t* found, int64_t* found_count) {
@@ -210,7 +210,7 @@ ENTRY_POINT int faces_in_box(
 
 // Pairs of one of `count` triangles and one of `other_count` others, or of two of the first ones if `other_count` is -1, that
 // are not clearly separated. `separation` is a volume per cubed extent of a pair. `pairs` is filled with those of triangle
-// first, first + 1, ..., as far as all pairs of the last one fit; its length is `room`, at least the number of partners.
+// first, first + 1, ..., as far as all pairs of the last one fit. Its length is `room`, at least the number of partners.
 // `done` becomes the number of pairs and the next `first`.
 ENTRY_POINT int near_faces(
     int64_t count, const double* triangles, int64_t other_count, const double* others, double separation, int64_t first,

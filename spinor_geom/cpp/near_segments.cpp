@@ -67,7 +67,7 @@ double squared_distance(const Segment& s, const Segment& t) {
 }  // namespace
 
 // Pairs i < j of `count` segments at most `distance` from each other, and some that are farther apart by less than
-// rounding. `pairs` is filled with those of i = first, first + 1, ..., as far as all pairs of the last i fit; its length
+// rounding. `pairs` is filled with those of i = first, first + 1, ..., as far as all pairs of the last i fit. Its length
 // is `room` >= count. `done` becomes the number of pairs and the next `first`.
 ENTRY_POINT int near_segments(
     int64_t count, const double* starts, const double* ends, double distance, int64_t first, int64_t room,
@@ -75,7 +75,7 @@ ENTRY_POINT int near_segments(
     return outcome_of([=] {
         TimeLimit limit(seconds);
         std::vector<Segment> segments(static_cast<size_t>(count));
-        // node k of the tree of boxes has the children 2k and 2k + 1; the last nodes are those of the segments
+        // node k of the tree of boxes has the children 2k and 2k + 1. The last nodes are those of the segments
         size_t leaves = 1;
         while (leaves < segments.size()) leaves *= 2;
         constexpr double most = std::numeric_limits<double>::infinity();

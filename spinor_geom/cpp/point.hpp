@@ -70,14 +70,14 @@ inline bool in_circle(Point a, Point b, Point c, Point p) {
     return aa * bc + bb * ca + cc * ab > kRounding * terms;
 }
 
-// Sine of the smallest angle; negative for clockwise triangles.
+// Sine of the smallest angle, negative for clockwise triangles.
 inline double smallest_sine(Point a, Point b, Point c) {
     const double ab = length(b - a), bc = length(c - b), ca = length(a - c);
     const double longest = std::max({ab, bc, ca}), shortest = std::min({ab, bc, ca});
     return side(a, b, c) / (longest * (ab + bc + ca - longest - shortest));
 }
 
-// Area per sum of squared edges, 1 for an equilateral triangle; not positive for a flipped one.
+// Area per sum of squared edges, 1 for an equilateral triangle and not positive for a flipped one.
 inline double roundness(Point a, Point b, Point c) {
     const Point u = b - a, v = c - a, w = c - b;
     return 2 * std::sqrt(3.0) * cross(u, v) / (dot(u, u) + dot(v, v) + dot(w, w));

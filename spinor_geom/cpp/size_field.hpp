@@ -12,7 +12,7 @@
 
 namespace plane {
 
-// What Python passes; see `SizeField` and `triangulate_polygon` there.
+// What Python passes (see `SizeField` and `triangulate_polygon` there).
 template <class P>
 struct RegionOf {
     int64_t boundary_size;

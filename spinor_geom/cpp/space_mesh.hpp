@@ -28,14 +28,14 @@ constexpr int kCorrections = 10;  // of a smoothing that turns triangles over
 constexpr double kMostTurned = 0.5;  // cosine of the largest angle by which a triangle may be turned
 constexpr double kMostBent = 0.5;  // cosine of the largest angle by which a flip may bend a flatter pair of triangles
 
-// The normal of a triangle; 0 without area.
+// The normal of a triangle, or 0 without area.
 inline Point3 normal(Point3 a, Point3 b, Point3 c) {
     const Point3 n = cross(b - a, c - a);
     const double size = length(n);
     return size > 0 ? 1 / size * n : n;
 }
 
-// The smallest angle of a triangle; 0 with equal vertices.
+// The smallest angle of a triangle, or 0 with equal vertices.
 inline double smallest_angle(Point3 a, Point3 b, Point3 c) {
     const double ab = length(b - a), bc = length(c - b), ca = length(a - c);
     const double longest = std::max({ab, bc, ca}), shortest = std::min({ab, bc, ca});
@@ -362,8 +362,8 @@ private:
         return sums;
     }
 
-    // The middle of the cubic curve along an edge that is orthogonal to the normals at its ends; of an edge with a kept
-    // end, where the normal is that of one side only, or on a rough surface, the midpoint.
+    // The middle of the cubic curve along an edge that is orthogonal to the normals at its ends. It is the midpoint
+    // on a rough surface, and for a kept end, where the normal is that of one side only.
     Point3 middle(int a, int b, const std::vector<Point3>& normals) const {
         const Point3 edge = x_[b] - x_[a], straight = 0.5 * (x_[a] + x_[b]);
         if (std::min(a, b) < fixed_ || !(dot(normals[a], normals[b]) > kMostTurned)) return straight;
@@ -408,7 +408,7 @@ private:
     Point3 meeting(int a, int b) const { return a < fixed_ ? x_[a] : 0.5 * (x_[a] + x_[b]); }
 
     // Whether the triangles at an edge's ends a and b stay good if it is collapsed. Edges that get too long are halved
-    // later; only thin triangles are worth that.
+    // later. Only thin triangles are worth that.
     bool can_collapse(int t, int k, double enough, const Star& around_a, const Star& around_b) const {
         const int a = vertex(t, k), b = vertex(t, k + 1), other = across(t, k), c = vertex(t, k + 2), d = opposite(other, t);
         const bool is_thin = is_opposite_to_thin(t, k);

@@ -18,7 +18,7 @@ using namespace plane;
 
 const double kDegree = kPi / 180;
 
-// See `group_half_edges`; returns the number of edges.
+// See `group_half_edges`. Returns the number of edges.
 int64_t grouped(int64_t faces, const int64_t* corners, int64_t vertices, int64_t* order, int64_t* starts) {
     const int64_t count = 3 * faces;
     const auto end_of = [=](int64_t h) { return corners[h % 3 == 2 ? h - 2 : h + 1]; };
@@ -43,7 +43,7 @@ int64_t grouped(int64_t faces, const int64_t* corners, int64_t vertices, int64_t
     return edges;
 }
 
-// The unit normal of a face; 0 for an area within the rounding of its sides.
+// The unit normal of a face, or 0 for an area within the rounding of its sides.
 Point3 normal_of(const int64_t* face, const Point3* points) {
     const Point3 a = points[face[0]], u = points[face[1]] - a, v = points[face[2]] - a, n = cross(u, v);
     const double size = length(n), rounding = 4 * std::numeric_limits<double>::epsilon();
@@ -55,14 +55,14 @@ double angle_between(Point3 a, Point3 b) { return std::atan2(length(cross(a, b))
 }  // namespace
 
 // The half-edges 3f + k, from corner k of face f to the next one, in the order of their lower, then of their higher ends,
-// then of their numbers. Those of edge e begin at starts[e]; `edge_count` becomes the number of edges. `starts` has room for
+// then of their numbers. Those of edge e begin at starts[e]. `edge_count` becomes the number of edges. `starts` has room for
 // 3 faces + 1.
 ENTRY_POINT int group_half_edges(
     int64_t faces, const int64_t* corners, int64_t vertices, int64_t* order, int64_t* starts, int64_t* edge_count) {
     return outcome_of([=] { *edge_count = grouped(faces, corners, vertices, order, starts); });
 }
 
-// The angle between the normals of the faces of each half-edge and its twin, in radians; 0 where the twin is -1.
+// The angle between the normals of the faces of each half-edge and its twin, in radians, or 0 where the twin is -1.
 ENTRY_POINT int crossing_angles(
     int64_t faces, const int64_t* corners, const Point3* points, const int64_t* twin, double* angles) {
     return outcome_of([=] {
@@ -72,10 +72,11 @@ ENTRY_POINT int crossing_angles(
     });
 }
 
-// Angles of the faces of a patch whose first `rim_size` vertices are its rim, each followed by `after`: the smallest one of
-// each face that is not between two rim edges (infinite for none), in degrees; the smallest one between rim edges; the
-// number of half-edges across which the normal turns by more than 90 degrees; and of the edges of two faces without a
-// vertex of the rim the largest angle between the faces, its mean square weighted by length, and the mean length.
+// Angles of the faces of a patch whose first `rim_size` vertices are its rim, each followed by `after`: `smallest` is
+// the smallest one of each face that is not between two rim edges, in degrees, infinite for none. `figures` are the
+// smallest one between rim edges and the number of half-edges across which the normal turns by more than 90 degrees. Then,
+// for the edges of two faces without a vertex of the rim, the largest angle between the faces, its mean square weighted by
+// length, and the mean length.
 ENTRY_POINT int patch_angles(
     int64_t vertices, const Point3* points, int64_t faces, const int64_t* corners, int64_t rim_size, const int64_t* after,
     double* smallest, double* figures) {

@@ -24,7 +24,7 @@ public:
         if (!order_.empty()) build(0, static_cast<int>(order_.size()));
     }
 
-    // Numbers and squared distances of up to `count` nearest points within `squared`, ascending; the number found.
+    // Numbers and squared distances of up to `count` nearest points within `squared`, ascending. Returns the number found.
     int nearest(P p, int count, double squared, int* number, double* distance) const {
         int found = 0;
         if (nodes_.empty()) return 0;

@@ -36,7 +36,7 @@ class Filler:
     """A process that computes previews or saves, one job at a time.
 
     Attributes:
-        job: the preview that is computed, or the path that is saved to; None if there is no job.
+        job: the preview that is computed, or the path that is saved to, or None if there is no job.
         stage: what the process does, in words.
         begin: when the job began, a time of `monotonic`.
     """
@@ -48,7 +48,7 @@ class Filler:
         self._future: Future[str] | None = None
 
     def start(self, job: Job | Path | None, message: Mapping[str, Any]) -> None:
-        """Sends a job to the process; without one the process starts and reads the mesh."""
+        """Sends a job to the process. Without one the process starts and reads the mesh."""
         self.job, self.stage, self.begin, self.event = job, "", monotonic(), Event()
         self._future = self._thread.submit(self._process.run, message, self._hear, seconds=math.inf)
 
@@ -74,7 +74,7 @@ class Filler:
         return self._future is not None and self._future.done()
 
     def cancel(self) -> None:
-        """Ends the process; the next job starts another."""
+        """Ends the process. The next job starts another."""
         self._process.close()
         self._process, self._future, self.job = Process(__name__), None, None
 
@@ -88,7 +88,7 @@ class Work:
     """
 
     def __init__(self, session: Session, mesh: MeshFile, filling: Filling, on_saved: Send) -> None:
-        """Starts a process; `filling` is that of the mesh, and `on_saved` gets an event after each successful save."""
+        """Starts a process. `filling` is that of the mesh, and `on_saved` gets an event after each successful save."""
         self._session, self._on_saved = session, on_saved
         self._folder = tempfile.TemporaryDirectory()  # what the processes read and write
         self._source = Path(self._folder.name, "source")
@@ -101,7 +101,7 @@ class Work:
         self.fillers[0].start(None, {"source": str(self._source)})
 
     def step(self) -> bool:
-        """Takes what is done, ends what is not wanted any more, and starts jobs; returns whether anything changed."""
+        """Takes what is done, ends what is not wanted any more, and starts jobs. Returns whether anything changed."""
         is_changed = False
         for filler in self.fillers:
             job = filler.job
@@ -146,7 +146,7 @@ class Work:
         return any(isinstance(filler.job, Path) for filler in self.fillers)
 
     def save(self, output: Path, command: str) -> None:
-        """Fills the mesh as chosen and writes it; `command` does the same."""
+        """Fills the mesh as chosen and writes it. `command` does the same."""
         filler = next((filler for filler in self.fillers if not filler.is_busy), self.fillers[-1])
         self._end(filler)
         self._saving = self._session.choices
@@ -154,7 +154,7 @@ class Work:
         filler.start(output, message)
 
     def cancel(self) -> None:
-        """Ends all jobs; loops without a patch stay open."""
+        """Ends all jobs. Loops without a patch stay open."""
         self.message = "not saved: cancelled" if self.is_saving else self.message
         for filler in self.fillers:
             if filler.job is not None:
@@ -181,7 +181,7 @@ def _read(path: str) -> Any:
 
 
 def work(job: dict[str, Any], send: Send) -> None:
-    """Does a job of `Work`; sends "stage" while it runs, then "done", or "told" and "saved"."""
+    """Does a job of `Work`. Sends "stage" while it runs, then "done", or "told" and "saved"."""
     mesh, filling = _read(job["source"])
     if "output" in job:
         send(_saved(mesh, job, send))
@@ -223,5 +223,5 @@ def _saved(mesh: MeshFile, job: dict[str, Any], send: Send) -> Event:
 
 
 if __name__ == "__main__":
-    warnings.simplefilter("ignore")  # standard error is not shown; previews have the sentences
+    warnings.simplefilter("ignore")  # standard error is not shown, and previews have the sentences
     serve(work)

@@ -27,7 +27,7 @@ def panel(
     command: str,
     size: tuple[int, int],
 ) -> str:
-    """The text, of at most `size` columns and lines; the list of loops is shortened."""
+    """The text, of at most `size` columns and lines. The list of loops is shortened."""
     width, height = size
     previews = session.previews()
     top = [f"{len(loops)} loops, {len(previews)} patches", "", *KEYS, "", *_wrapped(work.message, width)]

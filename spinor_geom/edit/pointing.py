@@ -17,9 +17,9 @@ def rim_at(
     ends: Float[np.ndarray, "n 3"],
     depth: Callable[[float, float], float],
 ) -> int | None:
-    """The nearest segment of a rim within some pixels that nothing hides; None without one.
+    """The nearest segment of a rim within some pixels that nothing hides, or None without one.
 
-    Segments have positions in pixels and the depth in the third column; `depth` is that of what is seen at a pixel.
+    Segments have positions in pixels and the depth in the third column. `depth` is that of what is seen at a pixel.
     """
     sides = ends - begins
     length = np.maximum((sides[:, :2] ** 2).sum(axis=1), 1e-12)
@@ -44,7 +44,7 @@ def polygons_at(
     ends: Float[np.ndarray, "n 3"],
     numbers: Int[np.ndarray, " n"],
 ) -> Int[np.ndarray, " _"]:
-    """The polygons that contain a point in the first two coordinates; `numbers` are those of the segments' polygons."""
+    """The polygons that contain a point in the first two coordinates. `numbers` are those of the segments' polygons."""
     (x0, y0), (x1, y1) = (begins[:, :2] - here).T, (ends[:, :2] - here).T
     is_crossed = (y0 > 0) != (y1 > 0)
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -67,7 +67,7 @@ class Preview:
 
     @cached_property
     def box(self) -> Float[np.ndarray, "2 3"]:
-        """The bounding box of the patch, low and high corner; empty without one."""
+        """The bounding box of the patch, low and high corner, or empty without one."""
         if self.patch is None:
             return np.array([[np.inf] * 3, [-np.inf] * 3])
         vertices = self.patch.patch.vertices
@@ -107,7 +107,7 @@ class Session:
 
     Attributes:
         holes: the loops that a fill of all holes fills.
-        choices: the kind of patch by its loops; a loop in none stays open.
+        choices: the kind of patch by its loops. A loop in none stays open.
         jobs: what is being computed.
     """
 
@@ -136,7 +136,7 @@ class Session:
             self._choose({first: None, second: None, tuple(sorted({*first, *second})): kind})
 
     def click_all(self) -> None:
-        """Gives each open hole a film; if none is open, makes all patches smooth; if all are, opens all."""
+        """Gives each open hole a film. If none is open, makes all patches smooth. If all are smooth, opens all."""
         open_holes = [(index,) for index in self.holes if self.loops_with(index) not in self.choices]
         if open_holes:
             self._choose(dict.fromkeys(open_holes, "film"))
@@ -173,7 +173,7 @@ class Session:
         return found
 
     def next_job(self) -> Job | None:
-        """The first preview that is to be computed and is not yet; it counts as begun then."""
+        """The first preview that is to be computed and is not yet. It counts as begun then."""
         before = _Patches(len(self.choices))
         for loops, (preview, is_current) in self.previews().items():
             kind = self.choices[loops]
@@ -188,7 +188,7 @@ class Session:
         return self.choices.get(job.loops) == job.kind
 
     def finish(self, job: Job, preview: Preview | None) -> None:
-        """Stores the preview of a job; None if the job was cancelled."""
+        """Stores the preview of a job, which is None if the job was cancelled."""
         self.jobs.remove(job)
         if preview is not None:
             known = self._known.setdefault((job.loops, job.kind), [])
@@ -204,7 +204,7 @@ class Session:
         }
 
     def command(self, start: Collection[str]) -> str:
-        """The command that makes these patches; it begins with `start`."""
+        """The command that makes these patches. It begins with `start`."""
         words = [*start]
         for loops in sorted(self.choices):
             if len(loops) > 1:

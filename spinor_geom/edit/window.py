@@ -34,7 +34,7 @@ SIZE, PANEL = (1400, 900), 0.34  # of the window, and the panel's share of its w
 COLOURS = {"film": PATCH["colour"], "smooth": "#3aa687", "open": RIM_COLOUR, "waits": "#9b3fc4", "bad": "#d62728"}
 POINTED, MARKED = "#ffd400", "#e0218a"
 _MOST_FACES = 100_000  # drawn as they are
-_CELLS = 110  # of the grid of a coarser mesh, along its longest side; the surface has about four times the square
+_CELLS = 110  # of the grid of a coarser mesh, along its longest side. The surface has about four times the square
 _STEP = 100  # milliseconds between two looks at the processes
 _DRAG = 4  # pixels that the pointer moves at least in a drag
 _DEPTH = 0.02  # what is hidden by less than this share of the mesh's size counts as seen
@@ -229,7 +229,7 @@ class Window:
             self.plotter.iren.terminate_app()
 
     def loop_at(self, x: int, y: int) -> int | None:
-        """The visible loop whose rim, patch or opening is at a pixel, counted from the lower left; None without one."""
+        """The visible loop whose rim, patch or opening is at a pixel, counted from the lower left. None without one."""
         if not self._renderer.IsInViewport(x, y):
             return None
         near, far = self._renderer.camera.clipping_range
@@ -244,7 +244,7 @@ class Window:
                 return int(self._patch_loops[face])
         openings = polygons_at(here, begins, ends, self._loop_of).tolist()
         depths = {index: plane_depth(here, begins[self._loop_of == index]) for index in openings}
-        # of the nearest, the shortest; what is seen through an opening is behind it
+        # what is seen through an opening is behind it
         limit = min((*depths.values(), seen - 2 * slack)) + slack
         return max((index for index, depth in depths.items() if depth <= limit), default=None)
 
@@ -325,7 +325,7 @@ def _rgb(colours: Sequence[str]) -> UInt8[np.ndarray, "n 3"]:
 
 
 def work(job: dict[str, str], send: Send) -> None:
-    """Shows the window; sends an event after each save."""
+    """Shows the window, and sends an event after each save."""
     mesh, filling, output, command = pickle.loads(Path(job["arguments"]).read_bytes())
     window = Window(mesh, filling, output, command, send)
     require_window(window.plotter)

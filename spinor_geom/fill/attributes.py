@@ -24,9 +24,9 @@ def patch_attributes(
     *,
     by: Literal["domain", "edges", "nearest"],
 ) -> dict[str, Float[np.ndarray, "n _"]]:
-    """The attributes of a mesh at the inner vertices of a patch; `rim` are the mesh vertices of its boundary.
+    """The attributes of a mesh at the inner vertices of a patch. `rim` are the mesh vertices of its boundary.
 
-    Attributes are interpolated harmonically; integer ones are those of the nearest rim vertex. "normal" is the unit
+    Attributes are interpolated harmonically. Integer ones are those of the nearest rim vertex. "normal" is the unit
     normal of the surface, on the side of the patch's faces. A value on the rim that is not finite is replaced by the
     nearest finite one. The Laplacian is the cotangent Laplacian for a patch that was triangulated in Ω ("domain"),
     otherwise the graph Laplacian ("edges"), because triangles in Ω may be degenerate. With "nearest" all values are

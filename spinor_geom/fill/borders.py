@@ -4,7 +4,7 @@ The loop is smoothed by a moving average over the width of its hole, w = 2 · ar
 computed over the smoothed loop. Both are compared with the adjacent mesh: the faces within 0.1 w of the loop, and all
 that touch it. The turning of a loop is its total geodesic curvature in the mesh. The rules, in order:
 
-1. A loop with a turning below −π is a hole; nothing else is computed. Around a hole in a plane the turning is −2π.
+1. A loop with a turning below −π is a hole, and nothing else is computed. Around a hole in a plane the turning is −2π.
 2. A loop is a hole if the turning of the smoothed loop is negative. Rule 1 does not apply to loops with pinch vertices.
 3. A loop is a border if the mean rise of the adjacent mesh is below sin 25.5°, and the mesh lies inside the loop.
    Around bowls with an opening of 45° the angle is 28° and more, along terrains and range scans at most 24°.
@@ -41,15 +41,15 @@ from spinor_geom.mesh.operators import face_areas, nearest_on_mesh, vertex_norma
 _LEAST_RISE = np.sin(np.radians(25.5))  # rule 3
 _LEAST_TURNING = 0.89  # rule 4, in units of 2π
 _CLEARLY_NEGATIVE = -np.pi  # rule 1
-_COLLAR = 0.1  # in units of w; with half of it the turning around half-pipes is too small
+_COLLAR = 0.1  # in units of w. With half of it the turning around half-pipes is too small
 _POINTS_PER_WIDTH = 4  # of the smoothed loop
 _MOST_POINTS = 10_000  # of longer loops, only every k-th point is compared with the mesh
 _MOST_WIDTHS = 40  # limits the smoothed loop to 160 points, the maximum of the first fill
-_ROUNDS = 3  # iterations for w; after one, smoothed rims of noisy UV spheres are still rough
+_ROUNDS = 3  # iterations for w. After one, smoothed rims of noisy UV spheres are still rough
 
 
 def require_no_border(patched: PatchedMesh, loop: BoundaryLoop) -> None:
-    """Raises a SheetBorderError for a loop that is the border of a sheet; no surface is solved for."""
+    """Raises a SheetBorderError for a loop that is the border of a sheet. No surface is solved for."""
     if patched.turning(loop) < _CLEARLY_NEGATIVE and not patched.is_pinched(loop):
         return
     nearby = _NearbyFaces.of(patched, loop)
@@ -82,7 +82,7 @@ class _NearbyFaces:
     Attributes:
         points: equidistant points of the smoothed loop.
         nearest: for each face the index of the nearest of these points.
-        offsets: for each face the vector from the nearest point of the loop to its centroid, times its area; in
+        offsets: for each face the vector from the nearest point of the loop to its centroid, times its area, in
             units of the loop's diagonal, so that powers do not underflow.
     """
 
@@ -148,7 +148,7 @@ def _smoothed(loop: BoundaryLoop, area: float) -> tuple[Float[np.ndarray, "n 3"]
     """
     length = loop.perimeter
     for _ in range(_ROUNDS):
-        # at most that of a circle; the length is 0 if the average is a point
+        # at most that of a circle. The length is 0 if the average is a point
         width = min(2 * area / max(length, TINY), length / (2 * np.pi))
         points = _averaged(loop, max(width, loop.perimeter / _MOST_WIDTHS))
         length = float(np.linalg.norm(points - np.roll(points, 1, axis=0), axis=1).sum())

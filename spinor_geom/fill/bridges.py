@@ -110,7 +110,7 @@ def lies_in(piece: BoundaryLoop, hole: BoundaryLoop) -> bool:
 def fill_between(
     patched: PatchedMesh, indices: Sequence[int], loops: Sequence[BoundaryLoop], options: FillOptions
 ) -> tuple[list[LoopOutcome], LoopPatch | None]:
-    """Joins several loops of the mesh by one patch; returns the outcomes of all loops, and the patch or None."""
+    """Joins several loops of the mesh by one patch. Returns the outcomes of all loops, and the patch or None."""
     first, *others = indices
     options.on_stage(first, "exact surface")
     begin = perf_counter()
@@ -145,7 +145,7 @@ def fill_between(
 def _surface_between(
     patched: PatchedMesh, indices: Sequence[int], loops: Sequence[BoundaryLoop], options: FillOptions
 ) -> PlateauSolution:
-    """The exact surface between loops; raises a SurfaceError if there is none."""
+    """The exact surface between loops. Raises a SurfaceError if there is none."""
     rims = [loops[index] for index in indices]
     solution = solve_plateau(
         rims, model=options.model, tolerance=options.tolerance, between="free", time_limit=options.seconds_to_solve

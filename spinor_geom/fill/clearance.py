@@ -20,16 +20,16 @@ from spinor_geom.fill.patched_mesh import PatchedMesh, patch_chords, split_chord
 from spinor_geom.mesh.operators import face_normals, vertex_normals
 from spinor_geom.meshing.embed import Patch
 
-# Measured on 26 rims of noisy bowls and tubes. With these values, 32 pairs of faces at 5 rims still intersect; the
+# Measured on 26 rims of noisy bowls and tubes. With these values, 32 pairs of faces at 5 rims still intersect. The
 # comments have the numbers of rims or pairs for other values.
-_CLEARANCE = 0.05  # height over the mesh's faces, in edges of the patch; 0.025: 6 rims, 0.1: thinner triangles
-_FARTHEST = 1.0  # largest displacement of a vertex, in mean edges of the rim; 0.5: 6 rims
-_RINGS = 2  # over which normals of the mesh and positions of the patch are averaged; 1: 56 pairs, 4 and 6: 32
-_ROUNDS = 4  # 2: 9 rims, 50 pairs; 8: 5 rims, 26 pairs
+_CLEARANCE = 0.05  # height over the mesh's faces, in edges of the patch. 0.025: 6 rims, 0.1: thinner triangles
+_FARTHEST = 1.0  # largest displacement of a vertex, in mean edges of the rim. 0.5: 6 rims
+_RINGS = 2  # over which normals of the mesh and positions of the patch are averaged. 1: 56 pairs, 4 and 6: 32
+_ROUNDS = 4  # 2: 9 rims and 50 pairs, 8: 5 rims and 26 pairs
 
 
 def cleared(patched: PatchedMesh, new: NewPatch) -> NewPatch:
-    """Splits edges and moves inner vertices in several rounds; the result with the fewest intersections."""
+    """Splits edges and moves inner vertices in several rounds, and returns the result with the fewest intersections."""
     patch, crossings, best = new.patch, new.crossings, new
     if not len(crossings.mesh):
         return new
@@ -114,7 +114,7 @@ class _Wall:
 
 
 def _moved(patch: Patch, steps: Float[np.ndarray, "n 3"], folded: Int[np.ndarray, " k"]) -> Patch:
-    """Moves vertices, and their neighbours by the mean step; `folded` vertices move to the mean of their neighbours."""
+    """Moves vertices, and their neighbours by the mean step. `folded` vertices move to the mean of their neighbours."""
     around = _averaging(unique_edges(np.asarray(patch.faces), len(steps)), len(steps))
     following = (np.arange(len(steps)) >= patch.boundary_size) & ~steps.any(axis=1)
     vertices = patch.vertices + np.where(following[:, None], around @ steps, steps)

@@ -19,7 +19,7 @@ from spinor_geom.meshing.embed import Patch
 CREASE, _SHARPER = np.radians(40), 2.0
 _LONG = 2.0  # longer edges of the first ring, in rim edges, are shortened: see `_shortened`
 # Largest trace of S in the metric 1 + S across ridges. On 120 disks cut out of four scans the distances are 0.89 times
-# those with 0 (geometric mean); 20 and 80 change that by 0.02 or less. Without the square of `variation` 20 gives 0.87,
+# those with 0 (geometric mean). 20 and 80 change that by 0.02 or less. Without the square of `variation` 20 gives 0.87,
 # but windows in tori are up to three times as far off as with 0.
 _STRETCH = 40.0
 _RINGS = 3  # rings of faces from which the correlation of H is estimated
@@ -27,7 +27,7 @@ _RINGS = 3  # rings of faces from which the correlation of H is estimated
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Bend:
-    """The angle between the normals of neighbouring faces along some edges, in degrees; RMS by length."""
+    """The angle between the normals of neighbouring faces along some edges, in degrees: the RMS, weighted by length."""
 
     largest: float
     rms: float
@@ -49,10 +49,10 @@ class Collar:
     faces: Int[np.ndarray, "f 3"]  # mesh faces at the boundary
     boundary_size: int  # m
     bends: Bool[np.ndarray, " v"]  # whether H is defined: each edge at the vertex has two faces and is no crease
-    curvature: Float[np.ndarray, " r"]  # H at the vertices beyond the boundary; 0 where it is not defined
-    length: float  # correlation length ℓ of H, in mesh units; 0 for noise, and where H is constant
+    curvature: Float[np.ndarray, " r"]  # H at the vertices beyond the boundary, or 0 where it is not defined
+    length: float  # correlation length ℓ of H, in mesh units, or 0 for noise, and where H is constant
     roughness: float  # variance of H between neighbours / total variance: 0 on a smooth mesh, 1 and more in noise
-    variation: float  # covariance of H between neighbours / mean of H²: 1 at most; 0 if `length` is 0
+    variation: float  # covariance of H between neighbours / mean of H²: 1 at most, or 0 if `length` is 0
     third_form: Float[
         np.ndarray, "w 3 3"
     ]  # of the vertices of the ring: dN·dN for the unit normals N of the mesh: squared curvatures
@@ -67,7 +67,7 @@ class Collar:
 
 
 def collar_of(patched: PatchedMesh, rim: Int[np.ndarray, " m"], patch: Patch) -> Collar:
-    """The collar of a patch; `rim` are the mesh vertices of its boundary. No inner edge of the patch is a mesh edge."""
+    """The collar of a patch. `rim` are the mesh vertices of its boundary. No inner edge of the patch is a mesh edge."""
     mesh, m = patched.mesh, len(rim)
     rings = [patched.faces_at(rim)]
     for _ in range(1, _RINGS):
@@ -141,7 +141,7 @@ def _shortened(
     Otherwise a vertex of the rim would have a large part of a long face for its area, and a kink there a small H.
 
     Returns:
-        The faces; and for each of their vertices, the rim's first, the ends of the edge that it lies on, and its place
+        The faces, and for each of their vertices, the rim's first, the ends of the edge that it lies on, and its place
         there, from 0 to 1.
     """
     m = patch.boundary_size
@@ -183,7 +183,7 @@ def _bend(
     angles: Float[np.ndarray, " h"],
     at: Int[np.ndarray, " k"],
 ) -> Bend:
-    """The bend at the half-edges `at`, from the angles between the faces at each half-edge; 0 if there are none."""
+    """The bend at the half-edges `at`, from the angles between the faces at each half-edge, or 0 if there are none."""
     if not len(at):
         return Bend(largest=0.0, rms=0.0, edge=0.0)
     length = np.linalg.norm(vertices[half_edges.origin[at]] - vertices[half_edges.target[at]], axis=1)

@@ -31,14 +31,14 @@ from spinor_geom.meshing.remeshing import remesh
 
 _ROUNDS = 6  # of minimisation and remeshing, to bound the time
 # Edges are refined that are longer than `_LONG` times this multiple of the radius of curvature 1/√(κ₁² + κ₂²). With 0.2
-# tubes between two rims are off by twice as much; 0.1 needs a third more faces for the same distances.
+# tubes between two rims are off by twice as much. 0.1 needs a third more faces for the same distances.
 _FLATNESS, _LONG = 0.14, 1.5
 # The report has a remark if the bend inside a patch, for edges as long as those of the mesh around it, exceeds this
 # multiple of the bend there by more than so many degrees. The ratio is at most 1.5 on spheres, cylinders, tori and
 # scans.
 _MOST_BENT, _SLIGHT_BEND = 2.0, 1.0
 _KINK = 5.0  # degrees by which the bend across the rim may exceed that of the mesh around it without a remark
-MOST_AREA = 2.0  # ratio of the areas after and before, as of hemisphere and disk; a larger patch gets a remark
+MOST_AREA = 2.0  # ratio of the areas after and before, as of hemisphere and disk. A larger patch gets a remark
 
 Start: TypeAlias = Literal["minimal", "discrete", "strip"]
 
@@ -54,13 +54,13 @@ class Continuation:
         inside: the bend between neighbouring faces of the patch, at edges that do not touch the rim.
         around: the bend between neighbouring faces of the mesh, in three rings around the hole.
         order: the functional minimised: "curvature" ∫H² + ℓ²|∇H|², "thin plate" ∫|Δx|² over the surface before.
-        lowered: why the thin plate was used, as the end of a sentence; empty if it was not.
+        lowered: why the thin plate was used, as the end of a sentence, or empty if it was not.
         steps: number of Newton steps.
         converged: whether the next step would move no vertex by more than 0.01 of a mean edge of the patch.
         next_step: the largest displacement of a vertex in the next step, in mean edges of the patch.
         area_ratio: the area divided by that of the surface before.
         smallest_angle: of all triangles, in degrees.
-        smallest_rim_angle: the smallest angle, in degrees, between two edges of the rim that belong to one triangle;
+        smallest_rim_angle: the smallest angle, in degrees, between two edges of the rim that belong to one triangle.
             None if there is no such triangle. No triangulation has larger angles there.
         correlation_length: ℓ, the length over which the mean curvature of the mesh around changes, in mesh units.
         roughness: variance of that curvature between neighbours, divided by its total variance: 0 on a smooth mesh, 1
@@ -126,7 +126,7 @@ class Continuation:
 
     @property
     def reason(self) -> str:
-        """Why it has not converged; empty if it has."""
+        """Why it has not converged, or empty if it has."""
         if self.converged:
             return ""
         return f"after {self.steps} steps the next one would still move a vertex by {self.next_step:.2g} of an edge"
@@ -142,7 +142,7 @@ class Continuation:
         if self.after.rms > self.around.rms + _KINK:
             degrees = f"{self.after.rms:.2g}° (RMS), the faces of the mesh around bend by {self.around.rms:.2g}°"
             found.append(f"the patch meets the mesh at {degrees}")
-        # longer edges bend more; those along a prism are longer still, and do not
+        # longer edges bend more, except for the still longer ones along a prism
         inside = self.inside.rms * min(1.0, self.around.edge / max(self.inside.edge, TINY))
         if inside > _MOST_BENT * self.around.rms + _SLIGHT_BEND:
             degrees = f"{inside:.2g}° from face to face, the mesh around by {self.around.rms:.2g}°"
@@ -201,7 +201,7 @@ def continue_patch(patch: Patch, collar: Collar, lengths: EdgeLengths) -> Faired
 
 
 def _from_domain_of_angles(patch: Patch, collar: Collar) -> Faired | None:
-    """The continuation from a patch over a domain with angles 2π minus the mesh's at the loop; None if that fails."""
+    """The continuation from a patch over a domain with angles 2π minus the mesh's at the loop. None if that fails."""
     beside = vertex_angles(collar.vertices, collar.faces)[: collar.boundary_size]
     with suppress(SpinorGeomError):
         start = over_domain_of_angles(patch, 2 * np.pi - beside, GRADED)
@@ -229,7 +229,7 @@ def _finer(patch: Patch, collar: Collar) -> Patch:
 def _remeshed(
     patch: Patch, collar: Collar, lengths: EdgeLengths, wanted: Float[np.ndarray, " n"] | None = None
 ) -> Patch:
-    """A patch with edges of other lengths; the patch itself if that fails, or would have no inner vertices."""
+    """A patch with edges of other lengths, or the patch itself if that fails, or would have no inner vertices."""
     with suppress(SpinorGeomError):
         new = remesh(patch, lengths, collar.rim_edges, wanted=wanted)
         if len(new.vertices) > new.boundary_size:
@@ -238,7 +238,7 @@ def _remeshed(
 
 
 def _plate(patch: Patch, collar: Collar) -> Faired:
-    """The thin plate, with edges that grow inwards; over one loop those of the patch itself if they are good."""
+    """The thin plate, with edges that grow inwards. Over one loop those of the patch itself if they are good."""
     is_graded = not patch.hole_sizes and patch.angles.smallest_free >= SMALLEST_ANGLE
     plate = thin_plate(patch if is_graded else _graded(patch, collar), collar)
     return plate if plate.is_good else thin_plate(_graded(plate.patch, collar), collar)
@@ -279,7 +279,7 @@ def _refined(faired: Faired, collar: Collar, lengths: EdgeLengths) -> Faired:
 
 
 def _wanted(patch: Patch) -> Float[np.ndarray, " n"]:
-    """Lengths of edges at the vertices for the curvature of a patch; at least the mean length of the rims' edges."""
+    """Lengths of edges at the vertices for the curvature of a patch, at least the mean length of the rims' edges."""
     m = patch.boundary_size
     rim = np.linalg.norm(patch.vertices[rim_successors(patch.rims)] - patch.vertices[:m], axis=1)
     wanted = _FLATNESS * radii_of_curvature(patch.vertices, np.asarray(patch.faces))

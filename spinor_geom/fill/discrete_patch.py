@@ -24,7 +24,7 @@ from spinor_geom.meshing.triangulate import require_few_points
 def discrete_patch(loop: BoundaryLoop, target: float) -> tuple[Patch, str]:
     """The discrete minimal surface over a loop, or a triangulation without inner vertices if there is none.
 
-    Edges are at most `target` long, in mesh units, or longer if the time limit needs that; raises a TooManyPointsError
+    Edges are at most `target` long, in mesh units, or longer if the time limit needs that. Raises a TooManyPointsError
     if `target` is too short. The second value describes the result.
     """
     return _patch(loop, target, lambda local, length: surface_over_plane(local, length))

@@ -29,13 +29,13 @@ from spinor_geom.mesh.operators import Bending, BendingForm, factor_symmetric, g
 from spinor_geom.meshing.embed import Patch
 
 # Measured, here and in `continuation`, on 111 holes: 70 generated ones, and rims of scans and of defective meshes.
-STEP_TOLERANCE = 0.01  # convergence: largest displacement in the next step, in mean edges; 0.005 takes 12 % more steps
-SMALLEST_ANGLE = 10.0  # degrees; 20 takes 1.5 times as long, and as many patches keep angles below 10
+STEP_TOLERANCE = 0.01  # convergence: largest displacement in the next step, in mean edges. 0.005 takes 12 % more steps
+SMALLEST_ANGLE = 10.0  # degrees. With 20 it takes 1.5 times as long, and as many patches keep angles below 10
 # A patch with edges stretched by more than this is remeshed. With 4 the ends of two fingers bend by 7.6° across the rim
-# instead of 5.9°; 1.4 takes 14 % more steps for the same smallest angles.
+# instead of 5.9°. 1.4 takes 14 % more steps for the same smallest angles.
 _MOST_STRETCHED = 2.0
 _APPROACH = 4  # steps between two remeshings
-_MOST_STEPS = 40  # with 20 two more rims that fold do not converge; none takes 80
+_MOST_STEPS = 40  # with 20 two more rims that fold do not converge. None takes 80
 # A factorisation is reused if each step is at most half of the last one: the simplified Newton method still converges
 # then (0.25 takes 37 % more time). Newton's method ends below the least damping factor: 0.025 takes 14 % more steps,
 # 0.1 takes 7 % fewer, for the same shapes.
@@ -47,7 +47,7 @@ Positions: TypeAlias = Float[np.ndarray, "v 3"]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Faired:
-    """A patch with moved vertices; the figures are as in `Continuation`."""
+    """A patch with moved vertices. The figures are as in `Continuation`."""
 
     patch: Patch
     steps: int
@@ -73,14 +73,14 @@ class Faired:
 
     @property
     def defect(self) -> str:
-        """Why the patch is not used as it is: not converged or folded; else empty."""
+        """Why the patch is not used as it is: not converged or folded. Empty if it is used."""
         if not self.converged:
             return f"did not converge: the next step would move a vertex by {self.next_step:.2g} of an edge"
         return "is folded" if self.patch.angles.folds else ""
 
 
 def thin_plate(patch: Patch, collar: Collar) -> Faired:
-    """Minimises ∫|Δx|², with the Laplacian of the patch: a linear problem; raises as `factor_symmetric`."""
+    """Minimises ∫|Δx|², with the Laplacian of the patch: a linear problem. Raises as `factor_symmetric`."""
     equations = _Equations(patch, collar)
     x = equations.smoothed(np.concatenate([patch.vertices[patch.boundary_size :], collar.vertices]))
     return replace(_faired(patch, x[: equations.free], 0, 0.0), order="thin plate")
@@ -116,7 +116,7 @@ def _faired(patch: Patch, inner: Float[np.ndarray, "k 3"], steps: int, next_step
 
 
 class _Equations:
-    """The Euler–Lagrange equations at the inner vertices of a patch; arrays have these first, then the collar's."""
+    """The Euler–Lagrange equations at the inner vertices of a patch. Arrays have these first, then the collar's."""
 
     def __init__(self, patch: Patch, collar: Collar) -> None:
         m, self.inside = collar.boundary_size, len(patch.vertices)
@@ -188,7 +188,7 @@ class _Equations:
             there, residual = self._at(moved)
             following = -factor.solve(residual)
             following_length = float(np.sqrt(np.mean(following**2)))
-            # at least a quarter of the predicted decrease; an eighth gives the same, with a half 12 patches fail
+            # at least a quarter of the predicted decrease. An eighth gives the same. With a half 12 patches fail
             if not following_length < (1 - damping / 4) * length:
                 damping /= 2
                 continue

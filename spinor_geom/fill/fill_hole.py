@@ -92,13 +92,13 @@ def fill_hole(
 
     The input is not changed. Its vertices, faces and attributes come first in the result, unchanged. The patches
     follow loop by loop, share the loop's vertices and are oriented like their neighbours. Vertex attributes are
-    interpolated harmonically; integer ones are taken from the nearest rim vertex, normals from the surface.
+    interpolated harmonically. Integer ones are taken from the nearest rim vertex, normals from the surface.
 
     If no exact surface is found for a loop within the time limit, the loop is closed by a discrete minimal surface.
     Loops that are not holes are left open: slits of zero width, outlines of single faces, loops with non-manifold
     edges. Seams (loops with edges on those of another loop) and borders of sheets (over which a patch would lie on the
     mesh) are left open unless `loop` names them. A patch that intersects itself (as every disk over a knotted loop),
-    the mesh or another patch is kept. The report contains all of this; without a report, a warning is issued.
+    the mesh or another patch is kept. The report contains all of this. Without a report, a warning is issued.
 
     The rims of a bridge may have different numbers of points. Rims too far from each other bound no connected surface
     and stay open, as do rims of pieces with opposite orientations.
@@ -106,22 +106,22 @@ def fill_hole(
     Args:
         mesh: a path, a (vertices, faces) pair of arrays or tensors, or any mesh type that has an adapter.
         loop: which holes: "all", an index of `boundary_loops(mesh)`, several indices, or one of those loops.
-        bridge: two or more indices; joins these loops by one minimal surface, and fills only those others that `loop`
+        bridge: two or more indices. Joins these loops by one minimal surface, and fills only those others that `loop`
             names. Or several such groups: `[(0, 1), (2, 3)]`.
-        islands: "join" joins a hole and the loose pieces in it by one surface, "ignore" fills them separately; the
+        islands: "join" joins a hole and the loose pieces in it by one surface, "ignore" fills them separately. The
             report lists the loose pieces in each hole.
-        continuity: "C0" or "film" for the minimal surface over each rim; "C1" or "smooth" for a patch that continues
+        continuity: "C0" or "film" for the minimal surface over each rim. "C1" or "smooth" for a patch that continues
             the tangents and the curvature of the mesh around it, as the top of a sphere or, between two rims, as a
-            tube; "auto" for the film where it meets the mesh at more than 65° (RMS), as at the end of a pipe, and the
+            tube. "auto" for the film where it meets the mesh at more than 65° (RMS), as at the end of a pipe, and the
             smooth patch elsewhere. A smooth patch that is not good is replaced by the film, with a remark. Or one for
             each loop, by index, and one for the others ("C0" if it is not given): `{4: "film", "default": "smooth"}`.
             A bridge has that of its first loop.
         merge: merges vertices first: with True those of equal position up to rounding to single precision, with a
-            number those up to that distance, in mesh units. The first of merged vertices is kept, with its attributes;
-            the result is the merged mesh with the patches. Not available for trimesh's scenes.
+            number those up to that distance, in mesh units. The first of merged vertices is kept, with its attributes.
+            The result is the merged mesh with the patches. Not available for trimesh's scenes.
         keep_largest: leaves the loop of longest perimeter open, such as the outer border of a scan.
         max_perimeter: leaves loops longer than this open, in mesh units.
-        target_edge_length: of the patches, in mesh units; "auto" takes each loop's mean edge length; edges
+        target_edge_length: of the patches, in mesh units. "auto" takes each loop's mean edge length. Edges
             of smooth continuations then grow inwards.
         model: the holomorphic model, as `solve_plateau` takes it.
         tolerance: root mean square distance between a patch's boundary and the curve through its loop, in mean edges of
@@ -137,7 +137,7 @@ def fill_hole(
             several at once), "mesh", "discrete surface" where there is no exact one, "crossings", "continuation".
 
     Returns:
-        The filled mesh, of the type of the input; a `MeshFile` for a path. With `return_report` a pair of it and the
+        The filled mesh, of the type of the input, or a `MeshFile` for a path. With `return_report` a pair of it and the
         `FillResult`.
 
     Raises:

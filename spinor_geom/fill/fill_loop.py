@@ -219,7 +219,7 @@ class _Maker:
         return new
 
     def _first_patch(self, solved: SolvedLoop) -> NewPatch:
-        """The mesh of the exact surface; without one a discrete patch, or a strip between two loops to be continued."""
+        """The mesh of the exact surface. Without one a discrete patch, or a strip between two loops to be continued."""
         solution, error, loops, options = solved.solution, solved.error, self.loops, self.options
         if solution is not None and error is None:
             try:
@@ -240,14 +240,14 @@ class _Maker:
 
 
 def _start(loop: BoundaryLoop, options: FillOptions) -> NewPatch:
-    """A discrete surface of about the least area, from which the mesh is continued; raises as `discrete_patch`."""
+    """A discrete surface of about the least area, from which the mesh is continued. Raises as `discrete_patch`."""
     patch = graded_patch(loop, edge_length_over([loop], options.target_edge_length))
     require_area(loop, 2 * patch.area / loop.perimeter)
     return NewPatch(patch=patch, rims=[loop], reason="")
 
 
 def _exact_patch(solution: PlateauSolution, solved: SolvedLoop, options: FillOptions) -> NewPatch:
-    """The mesh of an exact surface; raises as `mesh_patch`, or a SurfaceError for a surface that is not finite."""
+    """The mesh of an exact surface. Raises as `mesh_patch`, or a SurfaceError for a surface that is not finite."""
     target = options.target_edge_length
     if solved.frame is None or solved.in_frame is None:
         patch = mesh_over_points(solution, target)

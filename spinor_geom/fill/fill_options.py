@@ -1,4 +1,4 @@
-"""Options that fills, batches and the command line share; importing this module takes little time."""
+"""Options that fills, batches and the command line share. Importing this module takes little time."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def untold(index: int, stage: str) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class Choice:
-    """The options of `fill_hole` and `batch` that choose loops; raises OptionError."""
+    """The options of `fill_hole` and `batch` that choose loops. Raises OptionError."""
 
     loop: LoopChoice = "all"
     bridge: Bridge | None = None
@@ -67,18 +67,18 @@ class Choice:
 
     @property
     def is_all(self) -> bool:
-        """Whether all loops are chosen that are in no bridge; with a bridge, none is."""
+        """Whether all loops are chosen that are in no bridge. With a bridge, none is."""
         return isinstance(self.loop, str) and self.loop == "all"
 
     @property
     def names_loops(self) -> bool:
-        """Whether loops are named; named seams and borders of sheets are filled, too."""
+        """Whether loops are named. Named seams and borders of sheets are filled, too."""
         return not self.is_all or self.bridge is not None
 
 
 @dataclass(frozen=True, kw_only=True)
 class PatchOptions:
-    """The options of each patch that `fill_hole` and `batch` share; raises OptionError."""
+    """The options of each patch that `fill_hole` and `batch` share. Raises OptionError."""
 
     tolerance: float = 1e-3
     time_limit: float = TIME_LIMIT
@@ -89,13 +89,13 @@ class PatchOptions:
 
     @property
     def seconds_to_solve(self) -> float:
-        """The part of the time limit for the exact surface; the rest is for the patch."""
+        """The part of the time limit for the exact surface. The rest is for the patch."""
         return self.time_limit / 2
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FillOptions(PatchOptions):
-    """Options of `fill_hole` for every loop of one call; raises OptionError."""
+    """Options of `fill_hole` for every loop of one call. Raises OptionError."""
 
     target_edge_length: float | Literal["auto"] = "auto"
     model: Model = "auto"
@@ -132,7 +132,7 @@ class FillOptions(PatchOptions):
 
 
 def known_continuity(name: Any) -> Continuity:
-    """The continuity with a name, in any case; raises an OptionError for an unknown one."""
+    """The continuity with a name, in any case. Raises an OptionError for an unknown one."""
     if isinstance(name, str) and name.lower() in CONTINUITIES:
         return CONTINUITIES[name.lower()]
     raise OptionError(f"continuity must be 'C0' ('film'), 'C1' ('smooth') or 'auto', not {name!r}")

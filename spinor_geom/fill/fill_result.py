@@ -29,30 +29,30 @@ class LoopOutcome:
         loop: the loop itself.
         requested: False if the caller's options exclude it, or if it is left open as a border.
         filled: whether it has a patch.
-        reason: why it was left open, or why its patch has not `converged`; else empty. The mesh of an exact surface is
+        reason: why it was left open, or why its patch has not `converged`, or empty. The mesh of an exact surface is
             coarser than asked for if the time limit ends its refinement.
         is_border: whether it was left open as the border of a sheet: its patch would lie on the mesh.
-        solution: the exact surface from which the patch was made; for an open loop the one that was found, if any.
-        patch: the patch, with the positions of its vertices in Ω; None if the loop is open. Ω is
+        solution: the exact surface from which the patch was made. For an open loop, the one that was found.
+        patch: the patch, with the positions of its vertices in Ω, or None if the loop is open. Ω is
             flattened for a discrete patch. In a patch that was remeshed, triangles may overlap in Ω.
-        continuation: measures of the smooth continuation; None if there was none.
-        joined_to: the index of the next loop of its bridge, of the first for the last one; None without a bridge. Only
+        continuation: measures of the smooth continuation, or None if there was none.
+        joined_to: the index of the next loop of its bridge, of the first for the last one. None without a bridge. Only
             the outcome of the first loop of a bridge has the patch and its measures.
         vertices_added: number of new vertices of its patch.
         faces_added: number of new faces of its patch.
-        first_face: the index of its patch's first face among the triangles of the filled mesh; None without a patch.
+        first_face: the index of its patch's first face among the triangles of the filled mesh, or None without a patch.
         edges_split: number of inner patch edges between two rim vertices that were split, because they were edges of
             the mesh, or because their faces intersected the mesh.
         displacement: the largest distance, in mesh units, by which a vertex of the patch was moved off the surface
-            because of intersections; 0 if none was moved.
+            because of intersections, or 0 if none was moved.
         faces_replaced: number of faces of regions that were triangulated again without inner vertices, because they
-            still intersected something; they change the area of the patch by at most 5 %.
+            still intersected something. They change the area of the patch by at most 5 %.
         self_intersections: pairs of faces of its patch that intersect.
         mesh_intersections: pairs of a face of its patch and one of the mesh that intersect.
         patch_intersections: pairs of a face of its patch and one of an earlier loop's patch that intersect.
         remarks: sentences on intersections, islands in the hole, and why a patch was not continued. Face indices are
             those of the triangles of the filled mesh.
-        choice: with continuity "auto", which patch was chosen and why; else empty.
+        choice: with continuity "auto", which patch was chosen and why. Empty otherwise.
         timings: seconds by stage ("solve", "mesh", "crossings", "continuation" or "clearance", "attributes", or
             "failed" for a stage that raised an error).
     """
@@ -89,7 +89,7 @@ class LoopOutcome:
 
     @property
     def kind(self) -> Literal["minimal", "discrete", "smooth"] | None:
-        """The kind of its patch: an exact minimal surface, a discrete one, or a continuation; None if it is open."""
+        """The kind of its patch: an exact minimal surface, a discrete one, or a continuation, or None if it is open."""
         if not self.filled:
             return None
         if self.continuation is not None:
@@ -98,7 +98,7 @@ class LoopOutcome:
 
     @property
     def face_range(self) -> tuple[int, int] | None:
-        """The faces of its patch, [start, stop) among the triangles of the filled mesh; None without a patch."""
+        """The faces of its patch, [start, stop) among the triangles of the filled mesh, or None without a patch."""
         return None if self.first_face is None else (self.first_face, self.first_face + self.faces_added)
 
     @property
@@ -108,7 +108,7 @@ class LoopOutcome:
 
     @property
     def area(self) -> float | None:
-        """Area of the exact surface, else of the patch, in squared mesh units; None for the other loops of a bridge."""
+        """Area of the exact surface, else of the patch, in squared mesh units. None for the other loops of a bridge."""
         if self._is_beside_patch:
             return None
         if self.patch is not None and self.kind in ("discrete", "smooth"):
@@ -117,7 +117,7 @@ class LoopOutcome:
 
     @property
     def mesh_area(self) -> float | None:
-        """Area of the patch's triangles, in squared mesh units; None without a patch."""
+        """Area of the patch's triangles, in squared mesh units, or None without a patch."""
         return None if self.patch is None else self.patch.area
 
     @property
@@ -173,7 +173,7 @@ class LoopOutcome:
         return self.self_intersections + self.mesh_intersections + self.patch_intersections
 
     def to_dict(self) -> dict[str, Any]:
-        """The outcome in JSON's types; figures of a surface are None without one."""
+        """The outcome in JSON's types. Figures of a surface are None without one."""
         solution, continuation = (None, None) if self._is_beside_patch else (self.solution, self.continuation)
         residual = None if solution is None else solution.boundary_residual
         stability = solution and solution.stability
@@ -218,7 +218,7 @@ class FillResult(Shown):
         loops: one outcome for every boundary loop of the input, longest perimeter first.
         notes: sentences on changes made while reading the file, and on the mesh (that it is closed or not orientable,
             that merging vertices would close loops).
-        watertight: whether every edge of the filled mesh has exactly two faces, with opposite half-edges; computed from
+        watertight: whether every edge of the filled mesh has exactly two faces, with opposite half-edges, computed from
             the faces.
         timings: seconds by stage ("read", "loops", "fill", "stitch", "total").
     """
@@ -260,7 +260,7 @@ class FillResult(Shown):
 
     @property
     def intersection_free(self) -> bool:
-        """Whether no patch intersects itself, the mesh or another patch; intersections of the input do not count."""
+        """Whether no patch intersects itself, the mesh or another patch. Intersections of the input do not count."""
         return not any(outcome.intersections for outcome in self.loops)
 
     def to_dict(self) -> dict[str, Any]:

@@ -38,7 +38,7 @@ class Filling:
     """
 
     def __init__(self, mesh: TriangleMesh, choice: Choice, options: FillOptions) -> None:
-        """Finds the loops; raises as `find_boundary_loops` and `chosen_indices`."""
+        """Finds the loops. Raises as `find_boundary_loops` and `chosen_indices`."""
         self.mesh, sheets = mesh, Sheets.of(mesh.vertices, mesh.faces)
         self.loops = find_boundary_loops(mesh, sheets)
         self._merging = useful_merging(mesh, self.loops)
@@ -86,7 +86,7 @@ class Filling:
     def filled(
         self, solved: Iterator[SolvedLoop], on_loop: Callable[[LoopOutcome, int], None] | None = None
     ) -> tuple[list[LoopOutcome], list[LoopPatch]]:
-        """Fills the loops: one outcome for every loop, and the patches; `solved` has one item for each of `rims`."""
+        """Fills the loops: one outcome for every loop, and the patches. `solved` has one item for each of `rims`."""
         requested = len(self.loops) - sum(not _is_reported(outcome) for outcome in self.left_open.values())
         outcomes: dict[int, LoopOutcome] = {}
         patches: list[LoopPatch] = []

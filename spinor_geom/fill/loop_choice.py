@@ -29,7 +29,7 @@ def boundary_loops(mesh: Any) -> list[BoundaryLoop]:
         mesh: a path, a (vertices, faces) pair of arrays or tensors, or any mesh type that has an adapter.
 
     Returns:
-        The loops; none for a closed mesh.
+        The loops, none for a closed mesh.
 
     Raises:
         UnknownMeshTypeError: no adapter supports the type.
@@ -85,7 +85,7 @@ def chosen_indices(choice: LoopChoice, loops: Sequence[BoundaryLoop]) -> list[in
 
 
 def reasons_to_leave_open(loops: Sequence[BoundaryLoop], indices: Sequence[int], choice: Choice) -> dict[int, str]:
-    """The reasons why options exclude loops, by index; `indices` are the loops that they name."""
+    """The reasons why options exclude loops, by index. `indices` are the loops that they name."""
     reasons: dict[int, str] = {}
     chosen = set(indices)
     for index, loop in enumerate(loops):

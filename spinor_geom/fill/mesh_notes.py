@@ -28,7 +28,7 @@ class Merging(NamedTuple):
 def mesh_notes(
     mesh: TriangleMesh, loops: Sequence[BoundaryLoop], sheets: Sheets, merging: Merging | None
 ) -> tuple[str, ...]:
-    """Sentences on a mesh with its boundary loops and the sheets of its faces; `merging` as by `useful_merging`."""
+    """Sentences on a mesh with its boundary loops and the sheets of its faces. `merging` as by `useful_merging`."""
     return tuple(_notes(mesh, loops, sheets, merging)) if len(mesh.faces) else ()
 
 
@@ -81,7 +81,7 @@ def _pieces_and_genus(faces: Int[np.ndarray, "f 3"]) -> tuple[int, int]:
 
 
 def useful_merging(mesh: TriangleMesh, loops: Sequence[BoundaryLoop]) -> Merging | None:
-    """A merging of near boundary vertices that closes loops; None if there is none.
+    """A merging of near boundary vertices that closes loops, or None if there is none.
 
     The distance is that of the nearest vertices, or twice, four times ... that, while this closes more loops.
     """

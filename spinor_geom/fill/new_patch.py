@@ -21,7 +21,7 @@ from spinor_geom.surface.array_surface import ArraySurface
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NewPatch:
-    """A patch and its loops; the other fields are those of `LoopOutcome`."""
+    """A patch and its loops. The other fields are those of `LoopOutcome`."""
 
     patch: Patch
     rims: Sequence[BoundaryLoop]
@@ -85,7 +85,7 @@ Change: TypeAlias = Callable[[PatchedMesh, NewPatch, float], NewPatch]
 
 
 def in_own_frame(patched: PatchedMesh, new: NewPatch, change: Change) -> tuple[NewPatch, bool]:
-    """A patch over one loop after a change made in the loop's frame; between several loops in the mesh's coordinates.
+    """A patch over one loop after a change made in the loop's frame. Between several loops it is made in the mesh's.
 
     Vertices and faces of the mesh around the patch are numbered by their positions in the frame. The patch comes
     without its intersections there.

@@ -21,7 +21,7 @@ MIN_WIDTH_PER_EDGE = 1e-6  # in mean edges of the loop: far above round-off, far
 def require_hole(loop: BoundaryLoop, patched: PatchedMesh, merging: Merging | None = None) -> None:
     """Raises a LoopError for a slit, the outline of one face or points on a line.
 
-    `merging` would close loops of the mesh; it is the advice on single faces.
+    `merging` would close loops of the mesh. It is the advice on single faces.
     Raises the loop's `obstacle`, such as a NonManifoldEdgeError, if it has one.
     """
     if loop.obstacle is not None:

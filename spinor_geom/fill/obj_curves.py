@@ -27,7 +27,7 @@ from spinor_geom.mesh.triangle_mesh import require_extent
 class NamedLoop:
     """A curve of a file as a loop, or the error that prevents a surface over it."""
 
-    name: str  # of its object and group; "" if the file has none
+    name: str  # of its object and group, or "" if the file has none
     points: Float[np.ndarray, "k 3"]  # of the loop, or the finite points of the curve
     loop: BoundaryLoop | None  # None if it cannot be made
     error: SpinorGeomError | None = None
@@ -70,7 +70,7 @@ def _joined(
 def _near_ends(
     vertices: Float[np.ndarray, "v 3"], pieces: Sequence[Int[np.ndarray, " _"]], closing: float
 ) -> Int[np.ndarray, "p 2"]:
-    """Pairs of ends to join, the earlier first; piece k has the ends 2k and 2k + 1."""
+    """Pairs of ends to join, the earlier first. Piece k has the ends 2k and 2k + 1."""
     points = np.array([vertices[piece[[0, -1]]] for piece in pieces]).reshape(-1, 3)
     edges = np.repeat([_mean_edge(vertices[piece]) for piece in pieces], 2)
     if not np.isfinite(points).all():

@@ -31,7 +31,7 @@ class Outline:
 
     Attributes:
         faces: the faces of the patch inside the polygon.
-        current: the faces that replace them, by vertices of the patch; first they themselves.
+        current: the faces that replace them, by vertices of the patch. At first they are the same.
         is_open: whether there may be triangulations with fewer intersections.
     """
 
@@ -58,7 +58,7 @@ class Outline:
         return is_replaced[self.faces] if self.current is self._inside else np.ones(len(self.current), dtype=bool)
 
     def advance(self) -> None:
-        """Takes the next triangulation; the best faces so far if no other is wanted or possible."""
+        """Takes the next triangulation, or the best faces so far if no other is wanted or possible."""
         if self.is_open:
             self._triangles = self._triangulation.triangles()
             self.is_open = self.is_new and self._triangulation.least < self._fewest

@@ -1,4 +1,4 @@
-"""A mesh with the patches joined to it so far; finds intersections and duplicate edges of a new patch."""
+"""A mesh with the patches joined to it so far. Finds intersections and duplicate edges of a new patch."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def patch_chords(patch: Patch) -> Int[np.ndarray, "c 2"]:
 
 
 def split_chords(patch: Patch, chords: Int[np.ndarray, "c 2"], surface: ArraySurface | None = None) -> Patch:
-    """Splits chords, and the two triangles at each of them; the new vertices come last.
+    """Splits chords, and the two triangles at each of them. The new vertices come last.
 
     A new vertex is the chord's midpoint, or the point of `surface` at the midpoint in Ω.
     """
@@ -96,7 +96,7 @@ class PatchedMesh:
     """
 
     def __init__(self, mesh: TriangleMesh, loops: Iterable[BoundaryLoop] = ()) -> None:
-        """Starts without patches; `loops` are the boundary loops that may be filled."""
+        """Starts without patches. `loops` are the boundary loops that may be filled."""
         self.mesh = mesh
         self._loops_at = np.zeros(len(mesh.vertices), dtype=np.int64)
         self._loops_of_three = []
@@ -117,7 +117,7 @@ class PatchedMesh:
         self.reach = np.array([[np.inf] * 3, [-np.inf] * 3])
         self._edges = set(self._mesh_edges)
         self._patches: list[_Piece] = []
-        # bounding boxes of the patches, low and high corner in one row; the array has spare rows
+        # bounding boxes of the patches, low and high corner in one row. The array has spare rows
         self._boxes = np.empty((1, 6))
 
     def _patches_in(self, low: Float[np.ndarray, "3"], high: Float[np.ndarray, "3"]) -> list[_Piece]:
@@ -197,7 +197,7 @@ class PatchedMesh:
     ) -> Crossings:
         """Intersections of a patch with itself, the mesh and the patches joined before.
 
-        `before` are those of an earlier patch; `numbers` has for each of its faces the number in the patch, or −1 for
+        `before` are those of an earlier patch. `numbers` has for each of its faces the number in the patch, or −1 for
         faces that were removed. Pairs of faces that `before` has tested are not tested again.
         """
         numbers = np.zeros(0, dtype=np.int64) if numbers is None else numbers
@@ -292,12 +292,12 @@ class PatchedMesh:
         return near
 
     def join(self, patch: Patch, rim: Int[np.ndarray, " m"]) -> int:
-        """Adds a patch with the boundary vertices `rim` of the mesh; returns the number of its first face."""
+        """Adds a patch with the boundary vertices `rim` of the mesh. Returns the number of its first face."""
         self._edges.update(self._keys(rim[patch_chords(patch)]))
         return self._add(patch.vertices, np.asarray(patch.faces))
 
     def _add(self, vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> int:
-        """Adds the faces of a patch; returns the number of the first."""
+        """Adds the faces of a patch. Returns the number of the first."""
         first = self.face_count
         new = _Piece(vertices, faces, first + np.arange(len(faces)))
         if len(self._patches) == len(self._boxes):
@@ -337,7 +337,7 @@ class _Piece:
         return found[: count[0]]
 
     def crossings(self, others: Sequence[_Piece]) -> Int[np.ndarray, "k 2"]:
-        """Intersecting pairs of a face of this piece and a face of others, or of itself; each pair once."""
+        """Intersecting pairs of a face of this piece and a face of others, or of itself, each pair once."""
         near = [other.in_box(self.low, self.high) for other in others]
         corners = np.concatenate([one.vertices[one.faces[at]] for one, at in zip(others, near, strict=True)])
         numbers = np.concatenate([one.numbers[at] for one, at in zip(others, near, strict=True)])
@@ -366,7 +366,7 @@ def overlapping(
 
 
 def stitch(mesh: TriangleMesh, patches: Sequence[LoopPatch]) -> MeshExtension:
-    """The new vertices and faces of patches, in order; boundary vertices are shared with the mesh."""
+    """The new vertices and faces of patches, in order. Boundary vertices are shared with the mesh."""
     vertices, faces, face_loops = [np.empty((0, 3))], [np.empty((0, 3), dtype=np.int64)], [np.empty(0, dtype=np.int64)]
     count = len(mesh.vertices)
     for part in patches:

@@ -128,7 +128,7 @@ def _with_new_triangles(
     Each outline is triangulated several times, and its best triangulation is taken. `area` is that of the surface.
 
     Returns:
-        The patch, and which of its faces are not those of the surface; `is_replaced` are those before.
+        The patch, and which of its faces are not those of the surface. `is_replaced` are those before.
     """
     outlines = outlines_of(patched, new, region)
     if not outlines:
@@ -183,7 +183,7 @@ def _judge(
 def _places(
     before: Int[np.ndarray, "f 3"], after: Int[np.ndarray, "g 3"], first: int, vertices: int
 ) -> Int[np.ndarray, " f"]:
-    """The number of each face after a change, −1 for none; the `first` ones are the same."""
+    """The number of each face after a change, −1 for none. The `first` ones are the same."""
     places = np.full(len(before), -1)
     places[:first] = np.arange(first)
     keys, new_keys = (faces[first:] @ [vertices**2, vertices, 1] for faces in (before, after))

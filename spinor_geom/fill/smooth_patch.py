@@ -64,7 +64,7 @@ def smooth_patch(
         start: the patch before the continuation: a minimal or discrete surface, or a strip.
         lengths: of edges of new meshes.
         unit: that of the coordinates, in mesh units.
-        film: computes the patch that is used instead; called only if that may be better.
+        film: computes the patch that is used instead. It is called only if that may be better.
         is_choice: whether the film may be the better choice.
 
     Raises:
@@ -102,7 +102,7 @@ def smooth_patch(
 
 
 def _continued(start: NewPatch, collar: Collar, before: Bend, lengths: EdgeLengths) -> NewPatch:
-    """The continuation from a patch; raises as `continue_patch`, or a SurfaceError if nothing can move."""
+    """The continuation from a patch. Raises as `continue_patch`, or a SurfaceError if nothing can move."""
     if len(start.patch.vertices) == len(start.rim):
         raise SurfaceError("it has no inner vertices; a shorter target_edge_length (--edge-length) makes some")
     faired = continue_patch(start.patch, collar, lengths)
@@ -129,7 +129,7 @@ def _cleared(patched: PatchedMesh, smooth: NewPatch, lengths: EdgeLengths) -> Ne
 
 
 def _defect(smooth: NewPatch) -> str:
-    """Why the shape of a continuation is not good; empty if it is."""
+    """Why the shape of a continuation is not good, or empty if it is."""
     continuation = smooth.continuation
     assert continuation is not None
     if not continuation.converged:
@@ -143,7 +143,7 @@ def _defect(smooth: NewPatch) -> str:
 
 
 def _defect_of_clearing(smooth: NewPatch) -> str:
-    """Why the triangles of a cleared continuation are not good; empty if they are."""
+    """Why the triangles of a cleared continuation are not good, or empty if they are."""
     faces = len(smooth.patch.faces)
     if smooth.faces_replaced > _MOST_REPLACED * faces:
         return f"to avoid intersections, {smooth.faces_replaced} of its {faces} faces would be replaced"

@@ -16,7 +16,7 @@ from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.solve import solve_plateau_batch
 
 # RMS distance from the loop, in mean edges, above which a surface is not used. Over 120 rough loops, 78 surfaces are
-# within 0.01 and 16 are farther than 0.2; none is between.
+# within 0.01 and 16 are farther than 0.2. None is between.
 MAX_RESIDUAL_PER_EDGE = 0.1
 
 Solved: TypeAlias = PlateauSolution | SpinorGeomError
@@ -28,14 +28,14 @@ class SolvedLoop(NamedTuple):
     solution: PlateauSolution | None
     error: SpinorGeomError | None
     seconds: float
-    frame: LoopFrame | None = None  # of the loop; None for a surface between several
+    frame: LoopFrame | None = None  # of the loop, or None for a surface between several
     in_frame: PlateauSolution | None = None  # the surface in this frame, where it was computed
 
 
 def solved_loops(
     loops: Sequence[BoundaryLoop], options: FillOptions, *, is_rim: bool = True, device: str | None = None
 ) -> Iterator[SolvedLoop]:
-    """The exact surfaces over loops, in their order; the loops may be of several meshes.
+    """The exact surfaces over loops, in their order. The loops may be of several meshes.
 
     Γ is free between the points of rough loops, as with `between="free"` of `solve_plateau`. Boundary loops of meshes
     (`is_rim`) are first replaced by `free_rim`. Surfaces are computed in the loops' own frames, so that they
@@ -71,7 +71,7 @@ def _placed(local: SolvedLoop, frame: LoopFrame, loop: BoundaryLoop) -> SolvedLo
 
 
 def solved_loop(loop: BoundaryLoop, solved: Solved, waited: float) -> SolvedLoop:
-    """A surface or an error that took some seconds; the surface is not used if it misses the loop or has no area."""
+    """A surface or an error that took some seconds. The surface is not used if it misses the loop or has no area."""
     if isinstance(solved, SpinorGeomError):
         return SolvedLoop(None, solved, waited)
     # the timings of a solution are its share of a common solve

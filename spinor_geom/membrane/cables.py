@@ -30,7 +30,7 @@ class Cable:
         start: position of its start, three numbers, in mesh units.
         end: position of its end.
         tension: force, in units of the surface tension of the film times mesh units.
-        length: in mesh units; the tension follows from it.
+        length: in mesh units. The tension follows from it.
 
     Raises:
         OptionError: not exactly one of tension and length is given, it is not positive, both ends are equal, or the
@@ -71,7 +71,7 @@ class Cable:
 class Stay(Cable):
     """A straight cable outside the film, which holds its start.
 
-    The position of the start follows from the forces there; the given one is where its search starts. It is a corner
+    The position of the start follows from the forces there. The given one is where its search starts. It is a corner
     between cables of the film, or the start of other stays. The end is fixed unless another stay starts there.
     """
 
@@ -82,7 +82,7 @@ class Ring:
 
     Attributes:
         points: (m, 3) points in order, in mesh units.
-        force: that pulls the ring along the z axis; its height follows, and the given one is where the search starts.
+        force: that pulls the ring along the z axis. Its height follows, and the given one is where the search starts.
             None for a fixed ring.
 
     Raises:
@@ -104,7 +104,7 @@ class Ring:
 
 @dataclass(frozen=True, kw_only=True)
 class SymmetryPlane:
-    """A plane in which all edges are reflected; the film meets it at right angles.
+    """A plane in which all edges are reflected. The film meets it at right angles.
 
     Attributes:
         point: a point of the plane.

@@ -25,7 +25,7 @@ _ENDS = np.array([0.0, 1.0])
 
 
 def with_images(edges: Sequence[Edge]) -> list[tuple[int, Cable | Ring | OpenCurve]]:
-    """Edges and their reflections in planes, with their numbers; those that are given already are left out."""
+    """Edges and their reflections in planes, with their numbers. Those that are given already are left out."""
     found: list[tuple[int, Cable | Ring | OpenCurve]] = []
     for number, one in enumerate(edges):
         if isinstance(one, SymmetryPlane):
@@ -59,7 +59,7 @@ class Frame:
     the displacement of each ring.
 
     Attributes:
-        edges: in order around the film; empty if rings bound it alone.
+        edges: in order around the film, or empty if rings bound it alone.
         stays: the stays.
         rings: the other rims of the film.
         numbers: those of edges, stays and rings among the given edges.

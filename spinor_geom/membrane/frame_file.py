@@ -15,9 +15,9 @@ from spinor_geom.membrane.cables import Cable, Ring, Stay, SymmetryPlane
 from spinor_geom.membrane.frame import Edge
 from spinor_geom.mesh.open_curve import OpenCurve
 
-_LARGEST = 1e100  # number; squares and cubes of larger ones overflow
+_LARGEST = 1e100  # number: squares and cubes of larger ones overflow
 
-# of each kind: the edge, from its points and other keys; the number of points, 0 for any; the other keys
+# of each kind: the edge as a function of its points and other keys, the number of points (0 for any), the other keys
 _KINDS: dict[str, tuple[Callable[..., Any], int, set[str]]] = {
     "cable": (lambda points, **rest: Cable(start=points[0], end=points[1], **rest), 2, {"tension", "length"}),
     "stay": (lambda points, **rest: Stay(start=points[0], end=points[1], **rest), 2, {"tension", "length"}),

@@ -31,8 +31,8 @@ _XYZ = np.arange(3)
 _MOST_STEPS = 12
 _STIFF = 20.0
 _LEAST = 1e-9  # eigenvalue, relative to the largest one
-# Relative to the size: a predicted next step below the first ends the search, as do steps below the second that do not
-# decrease, because they have the size of the film's error; longer ones than the third are shortened.
+# Relative to the size: a predicted next step below the first ends the search. Steps below the second that do
+# not decrease end it too, because they have the size of the film's error. Longer ones than the third are shortened.
 _FINAL, _NOISE, _LONGEST = 1e-7, 1e-5, 0.15
 _BALANCED = 1e-9  # largest force that is left at a free node or ring, relative to tensions and size
 
@@ -61,7 +61,7 @@ class CableShape:
         return np.asarray(CableEdge(self.cable).shapes(x) @ self.control)
 
     def curvature(self, x: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
-        """Curvature vectors; their length is 1/tension in equilibrium."""
+        """Curvature vectors. Their length is 1/tension in equilibrium."""
         edge = CableEdge(self.cable)
         first, second = edge.shapes(x, 1) @ self.control, edge.shapes(x, 2) @ self.control
         square = (first * first).sum(axis=1, keepdims=True)
@@ -77,9 +77,9 @@ class Membrane:
         cables: the cables and stays in the order of the arguments, each with its reflections.
         supports: the corners of the frame, where edges meet, and other ends of stays.
         is_free: which of them are free, because a stay starts there.
-        forces: of the supports on the corners, in units of the surface tension times mesh units; 0 if free.
+        forces: of the supports on the corners, in units of the surface tension times mesh units, or 0 if free.
         edge_forces: of fixed edges and rings on the film, by edge in the order of the arguments, each with its
-            reflections; 0 for cables.
+            reflections, or 0 for cables.
         heights: displacements of the rings along the z axis.
         steps: sizes of the steps of Newton's method, in mesh units.
     """
@@ -119,8 +119,8 @@ def solve_membrane(
         edges: in any order and direction: cables; fixed edges, which are `OpenCurve`s without corners or (m, 3) points,
             two of them for a straight line; stays; rings; and up to three mutually orthogonal planes of symmetry, in
             which the others are reflected.
-        tolerance: of the film, as for `solve_plateau`; its boundary is usually nearer by orders of magnitude.
-        time_limit: seconds in all; a film in progress may exceed it.
+        tolerance: of the film, as for `solve_plateau`. Its boundary is usually nearer by orders of magnitude.
+        time_limit: seconds in all. A film in progress may exceed it.
 
     Returns:
         The film and the cables at a minimum of area + Σ tension · length − Σ force · height.
@@ -248,7 +248,7 @@ class _State:
         return found
 
     def edges_at(self, rim: int, s: Float[np.ndarray, " k"]) -> tuple[Int[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-        """The edges of parameters on a rim, and the parameters on them; rings come after the edges."""
+        """The edges of parameters on a rim, and the parameters on them. Rings come after the edges."""
         own, back = self.owners[rim]
         if own < len(self.frame.rings):
             return np.full(len(s), len(self.frame.edges) + own), s
@@ -328,7 +328,7 @@ class _State:
         return bool(left.max(initial=0.0) <= _BALANCED * max([frame.size, *tensions.tolist()]))
 
     def step(self, tensions: Float[np.ndarray, " t"]) -> tuple[Float[np.ndarray, "c 3"], Float[np.ndarray, " t"], bool]:
-        """Newton's step of the control points and of the tensions of cables of given length; whether it is stable."""
+        """Newton's step of control points and of tensions of cables of given length, and whether the film is stable."""
         frame, unknowns = self.frame, self.frame.unknowns
         matrix, gradient = self.by_area_twice, self.gradient(tensions).ravel()[unknowns]
         rows, misses = [], []

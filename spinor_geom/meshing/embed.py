@@ -44,7 +44,7 @@ class Patch(Shown):
     """A triangulated piece of a minimal surface over one loop or several.
 
     Attributes:
-        vertices: Positions in mesh units; the loops' points come first, in order and bit for bit.
+        vertices: Positions in mesh units. The loops' points come first, in order and bit for bit.
         faces: Counter-clockwise in Ω and about the surface's normal, except beside long edges that were split in Ω. The
             boundary half-edges have the direction of the loops.
         boundary_size: Number M of loop points, of all loops together.
@@ -106,7 +106,7 @@ class Patch(Shown):
         return PatchAngles.of(self.vertices, np.asarray(self.faces), rim_successors(self.rims))
 
     def write(self, path: str | os.PathLike[str]) -> tuple[str, ...]:
-        """Writes a mesh file in the format of the suffix of `path`; returns and raises as `MeshFile.write`."""
+        """Writes a mesh file in the format of the suffix of `path`. Returns and raises as `MeshFile.write`."""
         return write_triangles(self.vertices, self.faces, path)
 
     def relaxed(self) -> DiscreteMinimalSurface:
@@ -123,7 +123,7 @@ class Patch(Shown):
 
 
 def mesh_patch(solution: PlateauSolution, target_edge_length: float | Literal["auto"] = "auto") -> Patch:
-    """Meshes a solved minimal surface; the points of its loops are boundary vertices, bit for bit.
+    """Meshes a solved minimal surface. The points of its loops are boundary vertices, bit for bit.
 
     If an edge length is given, points of Γ divide longer edges, so that area and boundary converge. Where Γ is known
     only at the points of a rough loop (`route` "vertices"), and with "auto", there are no more boundary vertices.
@@ -131,11 +131,11 @@ def mesh_patch(solution: PlateauSolution, target_edge_length: float | Literal["a
     Ω is triangulated with edges of about target/λ, and near the boundary as long as the edges of the loop. The inner
     vertices are on the exact surface. The boundary vertices deviate from it by the boundary residual of the solution.
     If chords between the loop's points in Ω cross or leave Ω, inner vertices are inserted beside these edges. Within
-    `fill_hole` a time limit may need larger triangles; the patch is not `is_complete` then.
+    `fill_hole` a time limit may need larger triangles. The patch is not `is_complete` then.
 
     Args:
         solution: A solved Plateau problem.
-        target_edge_length: In mesh units; "auto" is the mean edge length of its loops.
+        target_edge_length: In mesh units. "auto" is the mean edge length of its loops.
 
     Raises:
         ArgumentTypeError: `solution` is not a PlateauSolution.
@@ -194,7 +194,7 @@ def _patch(solution: PlateauSolution, plane: PlaneTriangulation) -> Patch:
 
 
 def mesh_surface(surface: ArraySurface, *, vertices: int = 4000) -> Patch:
-    """Meshes a whole surface with edges of about equal length in space; all vertices are on the surface.
+    """Meshes a whole surface with edges of about equal length in space. All vertices are on the surface.
 
     `mesh_patch` meshes a solution with its loop's points as the boundary.
 

@@ -15,10 +15,10 @@ class PatchAngles:
     """Angles of the triangles of a patch and between their normals, in degrees.
 
     Attributes:
-        free: the smallest angle of each triangle that is not between two edges of the rim; ∞ if all are.
-        at_rim: the smallest angle between two edges of the rim that belong to one triangle; ∞ for none.
+        free: the smallest angle of each triangle that is not between two edges of the rim, or ∞ if all are.
+        at_rim: the smallest angle between two edges of the rim that belong to one triangle, or ∞ for none.
         folds: number of half-edges across which the normal turns by more than 90°.
-        largest_bend: the largest angle between triangles at an edge without a vertex of the rim; 0 without such edges.
+        largest_bend: the largest angle between triangles at an edge without a vertex of the rim, or 0 without any.
         rms_bend: the root of the mean square of these angles, weighted by the lengths of the edges.
         edge: the mean length of these edges, in mesh units.
     """
@@ -47,5 +47,5 @@ class PatchAngles:
 
     @property
     def smallest_free(self) -> float:
-        """The smallest angle that is not between two edges of the rim; ∞ for none."""
+        """The smallest angle that is not between two edges of the rim, or ∞ for none."""
         return float(self.free.min(initial=np.inf))

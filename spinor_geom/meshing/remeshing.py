@@ -34,7 +34,7 @@ def remesh(
 ) -> Patch:
     """A patch remeshed with edges of wanted lengths in space, graded towards those of the rims' edges.
 
-    The new positions in Ω are interpolated; triangles may overlap there.
+    The new positions in Ω are interpolated. Triangles may overlap there.
 
     Args:
         patch: over one loop or several.
@@ -55,7 +55,7 @@ def remesh(
 def remesh_region(
     patch: Patch, region: Bool[np.ndarray, " f"], lengths: EdgeLengths, taken: Int[np.ndarray, "e 2"], enough: float
 ) -> tuple[Patch, Int[np.ndarray, " f"]]:
-    """Remeshes a region of a patch within its outline; only vertices of poor triangles move.
+    """Remeshes a region of a patch within its outline. Only vertices of poor triangles move.
 
     Args:
         patch: over one loop or several.
@@ -108,7 +108,7 @@ def _remeshed(
     smoothings: int = 0,
     wanted: Float[np.ndarray, " n"] | None = None,
 ) -> tuple[Float[np.ndarray, "k 3"], Int[np.ndarray, "g 3"]]:
-    """Remeshes some faces of a patch; the first `fixed` vertices are kept, bit for bit.
+    """Remeshes some faces of a patch. The first `fixed` vertices are kept, bit for bit.
 
     Without smoothings only vertices of triangles with angles below `enough` move.
     """

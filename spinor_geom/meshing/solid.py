@@ -28,7 +28,7 @@ class Solid(Shown):
     """A thickened minimal surface: a watertight mesh with faces counter-clockwise seen from outside.
 
     Attributes:
-        vertices: in mesh units; those of the upper side come first, then those of the lower side.
+        vertices: in mesh units. Those of the upper side come first, then those of the lower side.
         faces: the upper side, the lower side, and the edge.
         thickness: distance of the two sides, in mesh units.
     """
@@ -56,7 +56,7 @@ class Solid(Shown):
         return len(self_intersections(self.vertices, self.faces))
 
     def write(self, path: str | os.PathLike[str]) -> tuple[str, ...]:
-        """Writes a mesh file in the format of the suffix of `path`; returns and raises as `MeshFile.write`."""
+        """Writes a mesh file in the format of the suffix of `path`. Returns and raises as `MeshFile.write`."""
         return write_triangles(self.vertices, self.faces, path)
 
 
@@ -73,7 +73,7 @@ def thickened(
 
 
 def unit_normals(solution: PlateauSolution, patch: Patch) -> Float[np.ndarray, "n 3"]:
-    """The normals at the vertices of a patch; raises a SurfaceError at a branch point."""
+    """The normals at the vertices of a patch. Raises a SurfaceError at a branch point."""
     normals = np.asarray(solution.array_surface.normal(patch.points))
     if not np.isfinite(normals).all():
         raise SurfaceError("a vertex is a branch point, where the surface has no normal; choose another edge length")
@@ -88,7 +88,7 @@ def thickened_mesh(
     thickness: float,
     edge: SolidEdge,
 ) -> Solid:
-    """A mesh thickened along normals; `rims` has the vertices of its rims, and for each the place of the next one."""
+    """A mesh thickened along normals. `rims` has the vertices of its rims, and for each the place of the next one."""
     half, (around, after), count = thickness / 2, rims, len(vertices)
     rim, upwards = vertices[around], normals[around]
     m = len(rim)

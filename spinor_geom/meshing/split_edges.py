@@ -25,7 +25,7 @@ from spinor_geom.plateau.rim_match import RimMatch
 
 _ROUNDS = 6  # of halving edges
 _SAME = 1e-12  # largest distance of equal points, per size of Ω
-_FAR_OUTSIDE = 0.1  # distance from Ω in edge lengths; the nearest poles are about one edge length outside
+_FAR_OUTSIDE = 0.1  # distance from Ω in edge lengths. The nearest poles are about one edge length outside
 
 Polygons = Sequence[Complex[np.ndarray, "_"]]
 Triangulate = Callable[[Polygons], PlaneTriangulation]
@@ -98,7 +98,7 @@ def _divided(rim: RimMatch, own: Complex[np.ndarray, " m"], parts: Int[np.ndarra
 
 
 def _crossing(polygons: Polygons) -> Int[np.ndarray, " e"]:
-    """The longer edge of each pair of crossing edges; if none cross, the longest edge of all."""
+    """The longer edge of each pair of crossing edges, or the longest edge of all if none cross."""
     first = np.cumsum([0, *map(len, polygons[:-1])])
     pairs = [crossing_edges(polygon) + start for polygon, start in zip(polygons, first, strict=True)]
     flat = [flat_coordinates(polygon) for polygon in polygons]
@@ -114,7 +114,7 @@ def _crossing(polygons: Polygons) -> Int[np.ndarray, " e"]:
 def _closed(
     plane: PlaneTriangulation, parts: Int[np.ndarray, " m"], own: Complex[np.ndarray, " m"], sizes: Rims
 ) -> PlaneTriangulation | None:
-    """Adds the triangles between split edges and their points; None if an edge would get a third triangle."""
+    """Adds the triangles between split edges and their points, or None if an edge would get a third triangle."""
     m, start = len(own), np.cumsum(parts) - parts
     is_own = np.zeros(len(plane.points), dtype=bool)
     is_own[start] = True

@@ -25,7 +25,7 @@ NEIGHBOURS = 4
 POINTS_PER_VERTEX = 12
 POINTS_PER_TRIANGLE = 2
 MOST_POINTS = 10**7  # of one patch, which would take gigabytes and minutes
-_WINDING_ERROR = 1e-3  # of winding numbers by quadrature; larger beside the boundary
+_WINDING_ERROR = 1e-3  # of winding numbers by quadrature, larger beside the boundary
 _MOST_STRETCHED = 1.2  # ratio of the areas of flattening and surface beyond which seeds are of no use
 
 
@@ -55,7 +55,7 @@ def most_points(boundary_size: int, area: float, target: float) -> int:
 
 
 def piece_of(surface: ArraySurface, rims: Sequence[Complex[np.ndarray, " _"]], target: float, area: float) -> Piece:
-    """The part of Ω bounded by `rims`, for a target edge length in space; raises a TooManyPointsError."""
+    """The part of Ω bounded by `rims`, for a target edge length in space. Raises a TooManyPointsError."""
     require_few_points(area, target)
     mesh = surface.domain.triangulation
     factor = np.asarray(surface.conformal_factor(mesh.points))
@@ -66,7 +66,7 @@ def piece_of(surface: ArraySurface, rims: Sequence[Complex[np.ndarray, " _"]], t
 
 
 def triangulate_piece(piece: Piece) -> PlaneTriangulation:
-    """Triangulates a part of Ω; its refinement ends at the time limit.
+    """Triangulates a part of Ω. Its refinement ends at the time limit.
 
     Raises:
         TooManyPointsError: the edge length requires too many vertices.

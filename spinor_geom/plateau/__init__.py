@@ -4,7 +4,7 @@ A solve uses these modules, in this order:
 
 - `solve`: the public functions
 - `problem`: `PlateauProblem` (loops scaled to unit size, curves Γ through them, options) and the type `Route`
-- `plan`: which routes are tried, in which order; the first surface within the tolerance is the solution
+- `plan`: which routes are tried, in which order. The first surface within the tolerance is the solution
 - the routes, each from a problem to a `RouteResult`:
   `plane_route` (plane loops), `harmonic` (Douglas's method for loops without corners), `vertices` (through the points
   of rough loops), `network` (Cauchy networks, also for corners), `rims` (several loops)

@@ -37,7 +37,7 @@ class RimDisks:
 
     @cached_property
     def all(self) -> tuple[PlateauSolution, ...] | None:
-        """A disk over each rim, in the given order; None if one was not found."""
+        """A disk over each rim, in the given order, or None if one was not found."""
         with one_thread(), self.clock.stage("disks"):
             disks = [disk for k in range(self.count) if (disk := self.surface_over((k,))) is not None]
         return tuple(disks) if len(disks) == self.count else None
@@ -46,8 +46,8 @@ class RimDisks:
     def partitions(self) -> dict[Partition, float]:
         """Total areas of surfaces of fewer rims each that together bound all rims, by partition.
 
-        For up to four rims these are all partitions that have surfaces. For more rims there are too many partitions;
-        these are then all disks, and each disk with a surface over the other rims.
+        For up to four rims these are all partitions that have surfaces. For more rims there are too many partitions,
+        and only all disks, and each disk with a surface over the other rims, are compared.
         """
         if self.all is None:
             return {}
@@ -84,12 +84,12 @@ class Annulus:
     """Properties of a surface between two rims or more.
 
     Attributes:
-        modulus: logarithm of the ratio of the radii of the round annulus that Ω is conformal to; for m ≥ 3 rims the
+        modulus: logarithm of the ratio of the radii of the round annulus that Ω is conformal to. For m ≥ 3 rims the
             mean modulus 2πm/T, with T the sum of the capacities of the rims, each against all others. None if the
             route does not compute it.
         antiperiodic: for each hole of Ω, whether p and q change sign around it.
         period: the largest |Re ∮ φ dz| around a hole, in mesh units: the closing error of the surface there.
-        backward: for each given loop, whether its direction is opposite to that of the surface's boundary; false for
+        backward: for each given loop, whether its direction is opposite to that of the surface's boundary. False for
             the first of two.
         order: the numbers of the given loops in the order of the rims.
         rim_disks: the minimal disks over the loops.
@@ -118,7 +118,7 @@ class Annulus:
 
     @property
     def disks(self) -> tuple[PlateauSolution, ...] | None:
-        """The minimal disks over the loops, in the order of the rims; None if one is missing. Solved on first use."""
+        """The minimal disks over the loops, in the order of the rims. None if one is missing. Solved on first use."""
         disks = self.rim_disks.all
         return None if disks is None else tuple(disks[number] for number in self.order)
 

@@ -33,7 +33,7 @@ class CurveTensors:
 
     @classmethod
     def batch(cls, curves: Sequence[CurveTensors]) -> CurveTensors:
-        """A batch of single curves; they keep `slopes` if all have them."""
+        """A batch of single curves. They keep `slopes` if all have them."""
         most = max(len(curve.breaks) for curve in curves)
         slopes = [curve.slopes for curve in curves if curve.slopes is not None]
         breaks = zeros((len(curves), most), curves[0].breaks)
@@ -87,7 +87,7 @@ class CurveTensors:
     def point_and_derivatives(
         self, s: Float[Array, "*pts"]
     ) -> tuple[Float[Array, "*pts 3"], Float[Array, "*pts 3"], Float[Array, "*pts 3"]]:
-        """Γ(s), Γ'(s) and Γ''(s); s is taken modulo 1, of shape (*batch, n) for a batch."""
+        """Γ(s), Γ'(s) and Γ''(s) for s modulo 1, of shape (*batch, n) for a batch."""
         value, first, second = (namespace(s).moveaxis(part, 0, -1) for part in self.coordinates(s))
         return value, first, second
 
@@ -105,12 +105,12 @@ class CurveTensors:
         return value, first, second
 
     def point_and_derivative(self, s: Float[Array, "*pts"]) -> tuple[Float[Array, "*pts 3"], Float[Array, "*pts 3"]]:
-        """Γ(s) and Γ'(s); s is taken modulo 1."""
+        """Γ(s) and Γ'(s) for s modulo 1."""
         point, first, _ = self.point_and_derivatives(s)
         return point, first
 
     def local_edge(self, s: Float[Array, "*pts"]) -> Float[Array, "*pts"]:
-        """Mean length of an edge and its two neighbours, at each parameter; it depends little on a single tiny edge."""
+        """Mean length of an edge and its two neighbours, at each parameter. It depends little on a single tiny edge."""
         return _taken(self._local_edges.reshape(-1), self._piece(s - namespace(s).floor(s)))
 
     @cached_property
@@ -127,7 +127,7 @@ class CurveTensors:
 
 
 def _last_before(breaks: Float[Array, "*batch m"], s: Float[Array, "*pts"]) -> Int[Array, "*pts"]:
-    """Index of the last break that is at most s; each row of a batch has its own breaks."""
+    """Index of the last break that is at most s. Each row of a batch has its own breaks."""
     if not is_numpy(s):
         import torch
 

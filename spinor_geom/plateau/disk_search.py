@@ -33,12 +33,12 @@ from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.stability import AMPLITUDES, lowest_modes
 from spinor_geom.plateau.steps import Steps
 
-_GROWTH = 0.1  # growth of triangles inwards; in coarser meshes the area may not decrease although the surface's does
+_GROWTH = 0.1  # growth of triangles inwards. In coarser meshes the area may not decrease although the surface's does
 # RMS difference of the normals along Γ, in radians, below which disks of equal area are the same: a minimal surface is
 # determined by its normal along a curve. The mirror images over the tennis seam a = 0.76 differ by 0.18, two solutions
 # for the same disk by 3e-4.
 _SAME_NORMAL = 0.1
-_MOST_STARTS = 24  # largest number of starts, and of unstable disks in a row; three disks take 5 starts
+_MOST_STARTS = 24  # largest number of starts, and of unstable disks in a row. Three disks take 5 starts
 
 # A solver: the solution from a discrete disk over the loop. It raises one of `FAILURES` if there is none.
 Solve: TypeAlias = Callable[[Disk], PlateauSolution]
@@ -67,7 +67,7 @@ class ThinnedLoop:
 
     @cached_property
     def round_mesh(self) -> PlaneTriangulation:
-        """A mesh of the round disk with the loop's perimeter; boundary vertices are placed by arc length."""
+        """A mesh of the round disk with the loop's perimeter. Boundary vertices are placed by arc length."""
         length = self._edges.sum()
         along = np.append(0.0, np.cumsum(self._edges)[:-1]) / length
         circle = length / (2 * np.pi) * np.exp(2j * np.pi * along)
@@ -90,7 +90,7 @@ class ThinnedLoop:
         return triangulate_polygon(polygon, SizeField(growth=_GROWTH))
 
     def positions(self, solution: PlateauSolution, mesh: PlaneTriangulation) -> Float[np.ndarray, "n 3"]:
-        """A solution's positions at the vertices of a mesh of its Ω; those of the rim at the boundary."""
+        """A solution's positions at the vertices of a mesh of its Ω, with those of the rim at the boundary."""
         x = solution.array_surface.position(mesh.points)
         x[: mesh.boundary_size] = self.points
         return x
@@ -110,9 +110,9 @@ class ThinnedLoop:
 def replace_unstable(
     solution: PlateauSolution, lower: Callable[[PlateauSolution], PlateauSolution | None], where: str
 ) -> PlateauSolution:
-    """Replaces an unstable surface by surfaces of less area until one is stable; `reason` reports them.
+    """Replaces an unstable surface by surfaces of less area until one is stable. `reason` reports them.
 
-    `lower` returns a surface of less area than an unstable one, or None; `where` describes its search, as the end of a
+    `lower` returns a surface of less area than an unstable one, or None. `where` describes its search, as the end of a
     sentence.
     """
     replaced: list[float] = []  # areas
@@ -141,9 +141,9 @@ def replace_unstable(
 
 
 def lower_beside(solution: PlateauSolution, rim: ThinnedLoop, solve: Solve, steps: Steps) -> PlateauSolution | None:
-    """A disk of less area than an unstable one that is no farther from Γ; None if no start leads to one.
+    """A disk of less area than an unstable one that is no farther from Γ, or None if no start leads to one.
 
-    The unstable disk is displaced along an eigenvector of its second variation to the least area; area descent from
+    The unstable disk is displaced along an eigenvector of its second variation to the least area. Area descent from
     there gives the discrete disk from which the solver starts.
     """
     for direction in _displaced(solution, rim):
@@ -169,10 +169,10 @@ def find_disks(rim: ThinnedLoop, solve: Solve) -> tuple[PlateauSolution, ...]:
     is larger, averages of pairs of stable disks are starts too, because there is a saddle between two minima.
 
     Returns:
-        Different disks, all converged; if none converged, only the one nearest to Γ.
+        Different disks, all converged, or only the one nearest to Γ if none converged.
 
     Raises:
-        DomainError, FirstFillError, SingularMatrixError: no start gave a solution; the error of the first start.
+        DomainError, FirstFillError, SingularMatrixError: no start gave a solution. It is the error of the first start.
 
     Source: Dierkes, Hildebrandt & Tromba, Global Analysis of Minimal Surfaces (2010), for the sum over the indices.
     """
@@ -206,7 +206,7 @@ class _Entry:
 
     @property
     def sign(self) -> int:
-        """(−1)^index; 0 if the index is not known."""
+        """(−1)^index, or 0 if the index is not known."""
         index = self.solution.stability.index
         return 0 if index is None else 1 - 2 * (index % 2)
 
@@ -223,7 +223,7 @@ class _Search:
     starts: int = 0
 
     def start(self, make_disk: Callable[[], Disk]) -> PlateauSolution | None:
-        """Solves from a start and keeps a new converged solution; None if there is no solution."""
+        """Solves from a start and keeps a new converged solution, or None if there is no solution."""
         self.starts += 1
         if self.starts > _MOST_STARTS or is_out_of_time():
             return None
@@ -261,7 +261,7 @@ class _Search:
                         break
 
     def ridge(self, first: _Entry, second: _Entry) -> Disk:
-        """The average of two disks after one step of area descent; more steps would lead to one of the minima."""
+        """The average of two disks after one step of area descent. More steps would lead to one of the minima."""
         one, other = (self.rim.round_positions(entry.solution) for entry in (first, second))
         mesh = self.rim.round_mesh
         return descend_area(

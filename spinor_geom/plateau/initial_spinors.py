@@ -23,7 +23,7 @@ def lifted_spinors(
 ) -> Complex[Array, "m 2"]:
     """Spinors p and q on each boundary edge of a discrete surface, with signs that are continuous on the surface.
 
-    The vertices of the rims come first, in order; `points` are the images of all vertices in Ω. With a point c,
+    The vertices of the rims come first, in order. `points` are the images of all vertices in Ω. With a point c,
     `branch`, in a hole around which p and q change sign, p/√(z − c) and q/√(z − c) are returned.
 
     On a ragged boundary the sign of a spinor cannot be determined from its neighbours. Frames of adjacent faces differ

@@ -32,7 +32,7 @@ from spinor_geom.plateau.stability import Stability
 from spinor_geom.surface.array_surface import PATH_ORDER, ArraySurface
 
 # Relative to the diagonal: distance of an end from its plane that is rounding, and length of a free edge that ends
-# nowhere. Sines of angles: a curve at a smaller angle to the normal of its plane has no corner there; a film that is
+# nowhere. Sines of angles: a curve at a smaller angle to the normal of its plane has no corner there. A film that is
 # farther from the right angle is not symmetric.
 _ON_PLANE, _LONGEST = 1e-6, 20.0
 _STRAIGHT, _ASKEW = 0.02, 1e-3
@@ -53,7 +53,7 @@ class MirrorPlanes:
 
     @classmethod
     def of(cls, planes: ArrayLike) -> MirrorPlanes:
-        """The planes through points with normals, (k, 2, 3); raises an OptionError for others."""
+        """The planes through points with normals, (k, 2, 3). Raises an OptionError for others."""
         try:
             given = np.asarray(planes, dtype=np.float64)
         except (TypeError, ValueError):
@@ -103,7 +103,7 @@ class _Arc:
         return cls(points=points, corners=corners, is_detected=curve.is_detected, planes=(ends[0], ends[1]))
 
     def loops(self, planes: MirrorPlanes) -> Iterator[BoundaryLoop]:
-        """The closed curves of its images; the first begins with the curve itself."""
+        """The closed curves of its images. The first begins with the curve itself."""
         left = list(product((False, True), repeat=len(planes.normals)))
         while left:
             first = element = left[0]
@@ -170,7 +170,7 @@ def _solved_to(
 
 
 def _itself(surface: ArraySurface) -> ArraySurface:
-    """The surface; a function of the module, so that solutions can be pickled."""
+    """The surface. A function of the module, so that solutions can be pickled."""
     return surface
 
 

@@ -13,7 +13,7 @@ from spinor_geom.mesh.curve import SAMPLES_PER_PIECE
 from spinor_geom.plateau.curve_tensors import CurveTensors
 
 # Largest allowed distance in local edges, as a multiple of the tolerance: 0.1 for a tolerance of 1e-3. Good fits of
-# noisy and narrow loops stay below half of it; where the boundary skips a finger of Γ the distance is several edges.
+# noisy and narrow loops stay below half of it. Where the boundary skips a finger of Γ the distance is several edges.
 LOCAL_TOLERANCES = 100.0
 # The boundary skips a piece of Γ that is longer than this multiple of its own step there. With 0.75 every piece counts,
 # from 1.1 on only those of fingers and notches.
@@ -55,7 +55,7 @@ class Misfit:
         *,
         alone: Callable[[int], CurveTensors],
     ) -> tuple[Misfit, ...]:
-        """The misfits of several boundaries from distances, |Γ′| and local edges; `alone` returns one of the curves."""
+        """The misfits of several boundaries from distances, |Γ′| and local edges. `alone` returns one of the curves."""
         xp = namespace(r)
         step, chord, ahead = closed_steps(slide), norm(shifted(r, -1, axis=1) - r), shifted(speed, -1)
         arc = step * (speed + ahead) / 2
@@ -118,7 +118,7 @@ class Misfit:
 
 @dataclass(frozen=True, kw_only=True)
 class BoundaryResidual:
-    """Distance between the surface's boundary and Γ, on points that are not the nodes of the fit; mesh units.
+    """Distance between the surface's boundary and Γ, on points that are not the nodes of the fit, in mesh units.
 
     Attributes:
         rms: root of the mean squared distance by arc length.
@@ -141,7 +141,7 @@ class BoundaryResidual:
         )
 
     def verdict(self, tolerance: float, *, steps: int, limit: str) -> tuple[bool, str]:
-        """Whether a tolerance is met, and a sentence with the residual; it ends with `limit` if it is not met."""
+        """Whether a tolerance is met, and a sentence with the residual. It ends with `limit` if it is not met."""
         reached = f"residual {self.rms_per_edge:.1e} of the mean edge after {steps} steps"
         if not self.rms_per_edge <= tolerance:
             return False, f"{reached}, above the tolerance {tolerance:.1e}: {limit}"

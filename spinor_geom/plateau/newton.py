@@ -17,7 +17,7 @@ _REMEMBERED = 6
 # Relative curvature and step length treated as 0, and relative gradient below which changes of the energy are rounding
 # errors. With the root of `ROUNDING` rough curves take 4 % more steps.
 SMALL = 1e-6
-ROUNDING = 1e-13  # relative rounding error of gradients and energies; with 3e-15 series take more steps
+ROUNDING = 1e-13  # relative rounding error of gradients and energies. With 3e-15 series take more steps
 # Factor by which damping changes (with 2 smooth loops take a third more steps, with 8 hardly fewer), and its least
 # value above 0 (with 0.1 narrow loops take a quarter more steps, with 1e-6 smooth ones 6 %).
 _MORE_DAMPING, _LEAST_DAMPING = 4.0, 1e-3
@@ -129,7 +129,7 @@ def stationary(
                 on_step[i](value)
         recent = xp.concat([recent[:, 1:], size[:, None]], axis=1)
         recent[damping != 0] = np.inf
-        # rough loops take many steps; Newton's equations of the first ones are solved less accurately
+        # rough loops take many steps. Newton's equations of the first ones are solved less accurately
         forcing = xp.clip(xp.where(falls > 0, xp.sqrt(size), size), None, 0.1)
         direction, downwards = here.direction(None if saddles else damping, forcing)
         here, lengths = (
@@ -184,7 +184,7 @@ def conjugate_gradients(
 def factored(
     matrix: Float[Array, "k k"], metric: Float[Array, " k"], gradient: Float[Array, "1 k"], damping: Float[Array, "1"]
 ) -> tuple[Float[Array, "1 k"], Bool[Array, "1"]]:
-    """`Energies.direction` of one surface by a Cholesky factor; damping increases until the matrix is definite."""
+    """`Energies.direction` of one surface by a Cholesky factor. Damping increases until the matrix is definite."""
     tried, xp = damping, namespace(matrix)
     while True:
         shifted = xp.asarray(matrix, copy=True)
@@ -198,7 +198,7 @@ def factored(
 
 
 def _full_step(here: E, direction: Float[Array, "b k"]) -> tuple[E, Float[Array, " b"]]:
-    """The surfaces after a full step where that halves the gradient; and the step lengths, 1 or 0."""
+    """The surfaces after a full step where that halves the gradient, and the step lengths, 1 or 0."""
     trial = here.stepped(direction, 1.0)
     lower = trial.size < here.size / 2
     taken = indices(lower)
@@ -206,7 +206,7 @@ def _full_step(here: E, direction: Float[Array, "b k"]) -> tuple[E, Float[Array,
 
 
 def _line_search(here: E, direction: Float[Array, "b k"], highest: Float[Array, " b"]) -> tuple[E, Float[Array, " b"]]:
-    """The surfaces after the longest step 1, ½, ¼, … with an energy of at most `highest`; its lengths, 0 if none."""
+    """The surfaces after the longest step 1, ½, ¼, … with an energy of at most `highest`, and its length, or 0."""
     start, trial, length = here, here.stepped(direction, 1.0), 1.0
     highest = highest + ROUNDING * abs(highest)
     lower = trial.energy <= highest

@@ -24,7 +24,7 @@ class Cauchy:
     """Options of the Cauchy network.
 
     Attributes:
-        degree: highest degree of the polynomials; less for loops of fewer than 20 points.
+        degree: highest degree of the polynomials. It is less for loops of fewer than 20 points.
         pole_offset: distance of the poles from ∂Ω, in local edge lengths.
     """
 
@@ -68,7 +68,7 @@ def require_model(model: Model) -> None:
 
 
 def usable_place(device: str | torch.device | None) -> Place:
-    """The place of a device of torch, or numpy for None; raises an OptionError if it cannot be used."""
+    """The place of a device of torch, or numpy for None. Raises an OptionError if it cannot be used."""
     if device is None:
         return NUMPY
     from spinor_geom.torch_extra import torch
@@ -138,12 +138,12 @@ class Options:
 
     @property
     def laurent(self) -> Laurent | None:
-        """Options of the Laurent series; None for other models."""
+        """Options of the Laurent series, or None for other models."""
         return self.model if isinstance(self.model, Laurent) else None
 
     @property
     def trainer(self) -> Trainer | None:
-        """Options of the training; None for models that are not trained."""
+        """Options of the training, or None for models that are not trained."""
         if self.model != "mlp":
             return None
         from spinor_geom.training import LevenbergMarquardt, RMSprop

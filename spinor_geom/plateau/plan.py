@@ -109,7 +109,7 @@ def _shows_no_curve(loop: BoundaryLoop, curve: BoundaryCurve) -> bool:
 
 
 def _trained(problem: PlateauProblem) -> RouteResult:
-    """The disk of a trained complex-valued network; with a warm start it first fits p and q of a minimal disk."""
+    """The disk of a trained complex-valued network. With a warm start it first fits p and q of a minimal disk."""
     start, trainer = None, problem.options.trainer
     assert trainer is not None  # only planned with a trainer
     if problem.options.warm_start and trainer.takes_start:
@@ -126,8 +126,8 @@ def nearest_surface(routes: Sequence[Route], problem: PlateauProblem) -> RouteRe
 
     Raises:
         OutOfTimeError: no surface was found within the time limit.
-        DomainError, FirstFillError, SingularMatrixError, SurfaceError: no route finds a surface; the first
-            SurfaceError, or else the error of the last route.
+        DomainError, FirstFillError, SingularMatrixError, SurfaceError: no route finds a surface. It is the
+            first SurfaceError, or else the error of the last route.
         NoConnectedSurfaceError: a route shows that there is no surface.
     """
     best: RouteResult | None = None
@@ -161,7 +161,7 @@ def nearest_surface(routes: Sequence[Route], problem: PlateauProblem) -> RouteRe
 
 
 def _distance(found: RouteResult, problem: PlateauProblem) -> float:
-    """RMS distance of a surface from Γ at unit size; Γ of a predicted loop is known between the points too."""
+    """RMS distance of a surface from Γ at unit size. Γ of a predicted loop is known between the points too."""
     if found.route != "vertices" or not (problem.is_disk and is_predicted(problem.unit)):
         return found.misfit.rms
     (own,) = found.curves
@@ -172,7 +172,7 @@ def _distance(found: RouteResult, problem: PlateauProblem) -> float:
 
 
 def minimal_disk(problem: PlateauProblem, routes: tuple[Route, ...]) -> PlateauSolution:
-    """The disk that the routes find; an unstable one is replaced by a disk of less area if the options allow it."""
+    """The disk that the routes find. An unstable one is replaced by a disk of less area if the options allow it."""
     if routes == (NETWORK,) and problem.loop.corners.all():
         return _on_divided_sides(problem)
     solution = _solution(routes, problem)
@@ -220,7 +220,7 @@ def surface_between(problem: PlateauProblem) -> PlateauSolution | NoConnectedSur
 
 
 def all_surfaces(problem: PlateauProblem) -> tuple[PlateauSolution, ...]:
-    """All surfaces that the searches find, unstable ones too, sorted by area; see `find_disks` and `RimsSolver`."""
+    """All surfaces that the searches find, unstable ones too, sorted by area (see `find_disks` and `RimsSolver`)."""
     try:
         if plan(problem)[0] is PLANE:
             return (_solution((PLANE,), problem),)
@@ -260,7 +260,7 @@ def _rim_disks(problem: PlateauProblem) -> RimDisks:
 def _surface_over(
     loops: Sequence[BoundaryLoop], curves: Sequence[BoundaryCurve], options: Options, numbers: Sequence[int]
 ) -> PlateauSolution | None:
-    """The surface of least area over some of the loops; None if none is found."""
+    """The surface of least area over some of the loops, or None if none is found."""
     try:
         with typed_failures():
             part = PlateauProblem.over([loops[k] for k in numbers], [curves[k] for k in numbers], options)
@@ -277,7 +277,7 @@ def _surface_over(
 
 
 def _lower_on_circles(problem: PlateauProblem, solution: PlateauSolution) -> PlateauSolution | None:
-    """A surface of less area than an unstable annulus, as Laurent series; None if none is found."""
+    """A surface of less area than an unstable annulus, as Laurent series, or None if none is found."""
     on_circles = Route("circles", lambda own: RimsSolver(problem=own).on_circles())
     try:
         lower = _solution((on_circles,), problem)
@@ -287,14 +287,14 @@ def _lower_on_circles(problem: PlateauProblem, solution: PlateauSolution) -> Pla
 
 
 def _lower_on_disk(problem: PlateauProblem, solution: PlateauSolution) -> PlateauSolution | None:
-    """A disk of less area than an unstable one, as power series on the unit disk; None if none is found."""
+    """A disk of less area than an unstable one, as power series on the unit disk, or None if none is found."""
     found = HarmonicSolver(problem=problem).below_on_disk(solution.matching)
     lower = None if found is None else problem.solution(found)
     return lower if lower is not None and lower.area < solution.area else None
 
 
 def _on_divided_sides(problem: PlateauProblem) -> PlateauSolution:
-    """The disk over a polygon that is given by its corners; points on the sides are added for the fit."""
+    """The disk over a polygon that is given by its corners. Points on the sides are added for the fit."""
     loop = problem.loop
     share = np.arange(PARTS_OF_A_SIDE)[:, None] / PARTS_OF_A_SIDE
     points = loop.points[:, None] + share * (shifted(loop.points, -1, axis=0) - loop.points)[:, None]

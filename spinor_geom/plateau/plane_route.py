@@ -119,7 +119,7 @@ def lie_beside(loops: Sequence[BoundaryLoop]) -> bool:
 
 
 def _outermost(rims: Sequence[Float[np.ndarray, "_ 3"]], plane: Plane) -> int | None:
-    """Index of the coplanar polygon that encloses all others, which must not enclose each other; None without one."""
+    """Index of the coplanar polygon that encloses all others, or None. The others must not enclose each other."""
     axis = _axis(plane.normal)
     flat = [(points - plane.centroid) @ axis for points in rims]
     areas = [np.imag(np.conj(z) * np.roll(z, -1)).sum() for z in flat]

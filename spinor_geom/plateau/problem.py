@@ -33,7 +33,7 @@ from spinor_geom.plateau.route_result import RouteResult
 from spinor_geom.plateau.solution import PlateauSolution, RouteName
 from spinor_geom.plateau.steps import Clock, Iteration, Steps
 
-# Most points of a loop for the first disk, Ω and the poles; longer loops are thinned for them. Γ uses all points.
+# Most points of a loop for the first disk, Ω and the poles. Longer loops are thinned for them. Γ uses all points.
 _MOST_START_POINTS = 240
 
 # Loops at unit size, their centre and their scale: see `PlateauProblem`.
@@ -53,8 +53,8 @@ class PlateauProblem:
         options: options of the call.
         steps: the steps of all routes.
         clock: the time of their stages.
-        parts: number of pieces that each edge of the given loop was divided into; residuals are per undivided edge.
-        start: a discrete surface to start from, at unit size; None for a first fill.
+        parts: number of pieces that each edge of the given loop was divided into. Residuals are per undivided edge.
+        start: a discrete surface to start from, at unit size, or None for a first fill.
     """
 
     loops: tuple[BoundaryLoop, ...]
@@ -99,7 +99,7 @@ class PlateauProblem:
         options: Options,
         on_iteration: Callable[[Iteration], None] | None = None,
     ) -> PlateauProblem:
-        """The problem for loops known to be simple and disjoint; a curve that is None is `BoundaryCurve.from_loop`."""
+        """The problem for loops known to be simple and disjoint. A curve that is None is `BoundaryCurve.from_loop`."""
         units, centre, scale = _at_unit_size(loops)
         return cls(
             loops=tuple(loops),
@@ -181,7 +181,7 @@ class PlateauProblem:
         return misfit.excess(allowed=self.allowed, tolerance=self.options.tolerance)
 
     def solution(self, found: RouteResult, rim_disks: RimDisks | None = None) -> PlateauSolution:
-        """The solution in the caller's coordinates; a surface between loops is compared with `rim_disks`."""
+        """The solution in the caller's coordinates. A surface between loops is compared with `rim_disks`."""
         scale, history, rims = self.scale, tuple(self.steps.history), found.rims_result
         misfit = found.misfit.enlarged(scale)
         residual = BoundaryResidual(

@@ -27,7 +27,7 @@ class RimMatch:
         curve: Γ, through all points of the loop.
         boundary: the boundary of Ω.
         matching: (n, 2) increasing pairs (t, s): the boundary point at parameter t corresponds to Γ(s). One period of
-            both; s may exceed [0, 1).
+            both, in which s may exceed [0, 1).
     """
 
     loop: BoundaryLoop
@@ -90,7 +90,7 @@ class RimMatch:
         t, s = self.matching.T
         if np.array_equal(at, s[: len(at)]):  # matched points
             return np.asarray(t[: len(at)])
-        # three periods, so that the parameters are not extrapolated; equal s are one knot
+        # three periods, so that the parameters are not extrapolated. Equal s are one knot
         s = np.concatenate([s - 1, s, s + 1])
         keep = np.flatnonzero(np.append(True, np.diff(np.maximum.accumulate(s)) > 0))
         s, t = s[keep], np.concatenate([t - 1, t, t + 1])[keep]

@@ -19,7 +19,7 @@ ROUGH_GRADIENT = 3e-2  # relative gradient to stop at on rough loops, as a share
 
 
 def roughness(loop: BoundaryLoop) -> float:
-    """Mean distance of points from the cubics through their four neighbours, in mean edges; 0 for straight sides.
+    """Mean distance of points from the cubics through their four neighbours, in mean edges. It is 0 for straight sides.
 
     The cubics are over chord lengths. Points within two edges of a corner are left out.
     """

@@ -29,7 +29,7 @@ class RimsResult:
     backward: tuple[bool, ...]  # in that order: whether the loop's direction is opposite to the boundary's
     antiperiodic: tuple[bool, ...]  # for each hole: whether p and q change sign around it
     period: float  # the largest |Re ∮ φ dz| around a hole
-    modulus: float | None = None  # see `capacity_path.mean_modulus`; None if Ω is not a circular domain
+    modulus: float | None = None  # see `capacity_path.mean_modulus`, or None if Ω is not a circular domain
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -54,7 +54,7 @@ class RouteResult:
 
 
 class NoConnectedSurfaceError(Exception):
-    """No connected minimal surface spans several loops; the message gives the reason."""
+    """No connected minimal surface spans several loops. The message gives the reason."""
 
 
 @contextmanager

@@ -60,19 +60,19 @@ class PlateauSolution(Shown):
         rims: the loops with their boundaries of Ω, the outer boundary first.
         domain: Ω.
         boundary_residual: distance of the surface's boundary from Γ, of all rims together.
-        area: ½∮ r·Im(φ dz), in squared mesh units; `area_in_domain` where this is not positive, because the surface is
-            not resolved along ∂Ω.
+        area: ½∮ r·Im(φ dz), in squared mesh units, or `area_in_domain` where this is not positive because the surface
+            is not resolved along ∂Ω.
         route: the route that found the surface.
-            "plane": the region inside the plane loop is Ω; p and q are constant.
+            "plane": the region inside the plane loop is Ω, and p and q are constant.
             "disk", "flattened", "unfolded": Douglas's method on the unit disk, or on a smooth domain near a flattened
-            discrete disk or the unfolded least-area triangulation; p and q are a power series or Cauchy's formula.
+            discrete disk or the unfolded least-area triangulation. p and q are a power series or Cauchy's formula.
             "vertices": the surface through the points of rough loops that is nearest to a discrete minimal disk, or to
-            the surface over averages of several loops; Γ between the points is the surface's own boundary.
+            the surface over averages of several loops. Γ between the points is the surface's own boundary.
             "network", "annular network": Gauss-Newton for a Cauchy network on a flattened discrete disk or annulus.
-            "annulus", "circles": Douglas's method for two loops, or for more, on a disk with round holes; p and q are
-            Laurent series.
-            "network on circles": the same for loops of which some have corners or need many nodes; p and q are a
-            Cauchy network.
+            "annulus", "circles": Douglas's method for two loops, or for more, on a disk with round holes, where p and q
+            are Laurent series.
+            "network on circles": the same for loops of which some have corners or need many nodes, where p and q
+            are a Cauchy network.
             "trained": a complex-valued network.
             "mirrored": the part on one side of planes of symmetry of a surface found by another route.
         history: the steps.
@@ -82,9 +82,9 @@ class PlateauSolution(Shown):
             hundred times as much.
         reason: why the solver stopped, in one sentence.
         evidence: the surface and its checks, computed on first use.
-        annulus: properties of a surface over several rims; None for disks.
+        annulus: properties of a surface over several rims, or None for disks.
         free_edges: with `mirror`, the intervals of parameters of `curve` on which the surface meets a plane.
-        solved_to: solves the same problem with another tolerance; None for surfaces of a batch or a search, and for
+        solved_to: solves the same problem with another tolerance, or None for surfaces of a batch or a search, and for
             those moved into other coordinates.
     """
 
@@ -141,7 +141,7 @@ class PlateauSolution(Shown):
 
     @cached_property
     def area_gradient(self) -> tuple[Float[np.ndarray, "_ 3"], ...]:
-        """Derivative of the area with respect to the points of each given loop, in mesh units; computed on first use.
+        """Derivative of the area with respect to the points of each given loop, in mesh units, computed on first use.
 
         When the points move by δP, the area of the minimal surface changes by Σ gradient·δP, to first order. By the
         first variation it is ∮ ν·δΓ ds, ν the outer conormal and δΓ the displacement of the curve through the points.
@@ -186,7 +186,7 @@ class PlateauSolution(Shown):
     def is_area_minimum(self) -> bool:
         """Whether the surface is stable and, over several rims, meets Douglas's condition.
 
-        The condition is that its area is below all `Annulus.partition_areas`; it counts as not met if a disk was not
+        The condition is that its area is below all `Annulus.partition_areas`. It counts as not met if a disk was not
         found.
         """
         if self.stability.verdict != "stable":
@@ -226,7 +226,7 @@ class PlateauSolution(Shown):
         the tolerance, the problem is solved again with a smaller tolerance.
 
         Plane polygons have exact patches of degree 1. If p and q are polynomials of degree up to 5 on a disk, as for
-        Enneper's surface, five rational patches are exact; see `NurbsSurface.of_polynomials`.
+        Enneper's surface, five rational patches are exact. See `NurbsSurface.of_polynomials`.
 
         The result of `fill_hole(continuity="C1")` is a mesh and cannot be converted. At a branch point a patch has no
         normal.
@@ -237,7 +237,7 @@ class PlateauSolution(Shown):
             time_limit: seconds after which no more control points are added.
 
         Returns:
-            The patches; with `converged=False` and a reason if the tolerance needs too many control points or more
+            The patches, with `converged=False` and a reason if the tolerance needs too many control points or more
             time, or the boundary residual stays above the tolerance. Patches are not refined below this residual.
 
         Raises:
@@ -267,7 +267,7 @@ class PlateauSolution(Shown):
             edge: "rounded", a half circle around the rim, or "straight", the normals along the rim.
 
         Returns:
-            The solid; `intersections` is not 0 if it is too thick for the surface or its rim.
+            The solid. `intersections` is not 0 if it is too thick for the surface or its rim.
 
         Raises:
             OptionError: the thickness or the edge length is not positive and finite, or `edge` is unknown.
@@ -287,11 +287,11 @@ class PlateauSolution(Shown):
 
         Args:
             copies: "cell": copies that make up a cell, which translations continue to the whole surface without a
-                change of its sides; a surface without periods as a whole. A number n: the copies that are reached
+                change of its sides, or the whole surface if it has no periods. A number n: the copies that are reached
                 across at most n sides.
 
         Returns:
-            The copies, with `area`, `mesh`, `to_nurbs` and `solid`; `lattice` is a basis of the translations.
+            The copies, with `area`, `mesh`, `to_nurbs` and `solid`. `lattice` is a basis of the translations.
 
         Raises:
             OptionError: no side has a symmetry; the angle at a corner between two such sides does not divide π, so that
@@ -317,15 +317,15 @@ class PlateauSolution(Shown):
         Args:
             path: ends with .step, .stp, .igs, .iges or .brep, or with the suffix of a mesh format such as .stl.
             tolerance: of NURBS, as for `to_nurbs`.
-            time_limit: of NURBS, as for `to_nurbs`; writing the file comes after it.
-            unit: of the curve's coordinates, "mm" by default; CAD files are in millimetres. Mesh files have no unit.
+            time_limit: of NURBS, as for `to_nurbs`. Writing the file comes after it.
+            unit: of the curve's coordinates, "mm" by default. CAD files are in millimetres. Mesh files have no unit.
             target_edge_length: of triangles, as for `mesh_patch`.
 
         Returns:
             The patches or the mesh that was written.
 
         Raises:
-            CadFileError, OptionError, DomainError, OSError, MissingPackageError: as `to_nurbs` and `NurbsSurface.save`;
+            CadFileError, OptionError, DomainError, OSError, MissingPackageError: as `to_nurbs` and `NurbsSurface.save`,
                 or an option of the other kind of file was given.
             MeshFileError, PrecisionError: as `MeshFile.write`.
         """
@@ -397,7 +397,7 @@ class NoConnectedSurface:
 
     @property
     def disks(self) -> tuple[PlateauSolution, ...] | None:
-        """The minimal disks over the loops; None if one was not found. Solved on first use."""
+        """The minimal disks over the loops, or None if one was not found. Solved on first use."""
         return self.rim_disks.all
 
     @property

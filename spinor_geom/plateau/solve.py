@@ -86,7 +86,7 @@ def solve_plateau(
 ) -> PlateauSolution | NoConnectedSurface | tuple[PlateauSolution, ...]:
     """A minimal disk bounded by a closed curve, or a connected minimal surface bounded by several curves.
 
-    The surface is exactly minimal; its boundary approximates Γ, the curve through all points of the loop with its
+    The surface is exactly minimal. Its boundary approximates Γ, the curve through all points of the loop with its
     corners (`BoundaryCurve`). For a plane loop the result is exactly the plane region inside it. Loops without corners
     are solved by Douglas's method. Loops with corners, and loops for which that method does not converge, are solved by
     Gauss-Newton for a Cauchy network. `spinor_geom.plateau` describes the steps and `plateau.plan` the order. A minimal
@@ -96,7 +96,7 @@ def solve_plateau(
     Several curves are solved by Douglas's method on the unit disk with round holes, with p and q as Laurent series. If
     that needs too many nodes, as for a small hole near the end of an elongated outer curve, a Cauchy network on a
     flattened annulus is used. For plane curves, one of which encloses all others, the result is the plane region
-    between them. Orientation and alignment of the curves minimise the energy; they do not depend on the order of the
+    between them. Orientation and alignment of the curves minimise the energy. They do not depend on the order of the
     points. The area is compared with that of the disks: see `PlateauSolution.annulus` and `is_area_minimum`. If the
     curves are too far apart for a connected surface, `NoConnectedSurface` is returned.
 
@@ -106,34 +106,34 @@ def solve_plateau(
             (their endpoints are the points of the loop). A sequence of loops, curves or arrays of points for a surface
             between several. A closed edge, a wire, or edges in any order of build123d, CadQuery or OCP, or the path of
             a STEP, IGES or BREP file: edges are used without approximation, several closed wires for a surface between
-            them; of faces the free boundary is used.
+            them. Of faces the free boundary is used.
         model: "auto" chooses by the loop. "cauchy" or `Cauchy(...)`: a Cauchy network. "series": power series on the
             unit disk, to rounding error, for smooth loops of small elongation, or Laurent series. `Laurent(...)`: as
             "auto", with a choice of the modulus. "mlp": the paper's complex-valued network, trained.
         optimizer: for "mlp": "levenberg-marquardt" (default), or "rmsprop" for the paper's Algorithm 1 with its
             settings; `LevenbergMarquardt(...)` or `RMSprop(...)` of `spinor_geom.training` for other settings. RMSprop
             starts from random parameters on the unit disk.
-        warm_start: whether Levenberg-Marquardt first fits the network to p and q of the solution of "auto", on its Ω;
-            otherwise it starts from random parameters on the unit disk.
+        warm_start: whether Levenberg-Marquardt first fits the network to p and q of the solution of "auto", on its Ω.
+            Otherwise it starts from random parameters on the unit disk.
         tolerance: largest RMS distance of the surface's boundary from Γ, in mean loop edges, for convergence. The
             largest distance, in mean lengths of the three nearest edges, must be within a hundred times this value.
-        max_iterations: largest number of steps in all; with `all_solutions` from each start; between two curves after
-            the first annulus is found. Training is limited by the optimizer's options instead.
+        max_iterations: largest number of steps in all. With `all_solutions` they are counted from each start, and
+            between two curves from the first annulus. Training is limited by the optimizer's options instead.
         unstable: what is returned if the surface found is unstable, a critical point of the area but no local minimum.
-            "leave": a surface of less area near it, stable if one is found; `reason` then mentions it. "keep": the
-            unstable surface itself; between several curves `Laurent(modulus=...)` selects it.
+            "leave": a surface of less area near it, stable if one is found. `reason` then mentions it. "keep": the
+            unstable surface itself. Between several curves `Laurent(modulus=...)` selects it.
         between: how the boundary runs from one point of a loop to the next. "smooth": along `BoundaryCurve`. "free":
-            the same if the points lie on a smooth curve; if not, as around most holes of scans, only the points are
+            the same if the points lie on a smooth curve. If not, as around most holes of scans, only the points are
             prescribed. The surface is then the minimal surface through the points that is nearest to a discrete minimal
             disk, or for several loops to the surface between averages of them, and Γ is its boundary. That takes
             hundredths of a second for tens of points and seconds for several loops. With a model other than "auto",
             and for curves given by formulas or edges, "free" has no effect. "quintic": along the spline of
             `BoundaryCurve.from_loop(..., quintic=True)`, so that the area is a differentiable function of the points.
         all_solutions: search for several disks over the loop, as Cauchy networks, or for annuli, as Laurent series,
-            unstable ones too; see `find_disks`. It takes several times as long, and may miss some.
-        time_limit: seconds after which the best surface so far is returned; see its `converged` and `reason`. With
+            unstable ones too (see `find_disks`). It takes several times as long, and may miss some.
+        time_limit: seconds after which the best surface so far is returned (see its `converged` and `reason`). With
             `all_solutions`, other surfaces may be missing. A step in progress is finished first.
-        device: the torch device where the linear algebra runs, such as "cuda"; the surface is returned there. None for
+        device: the torch device where the linear algebra runs, such as "cuda". The surface is returned there. None for
             numpy, without torch.
         mirror: one to three mutually orthogonal planes, each as a pair (point, normal). The curves are then open: each
             is an `OpenCurve`, or (m, 3) points, on one side of the planes with both ends on them. The surface meets the
@@ -142,14 +142,14 @@ def solve_plateau(
         on_iteration: called after each step.
 
     Returns:
-        The solution, or `NoConnectedSurface` if none spans several curves; with `all_solutions` all that were found,
+        The solution, or `NoConnectedSurface` if none spans several curves. With `all_solutions` all that were found,
         sorted by area, each with its Morse index.
 
     Raises:
         OptionError: an unknown model or optimizer, a value out of range, incompatible options, or an argument that is
             not a curve.
         FirstFillError: no discrete disk over the loop was found.
-        DomainError: no simple plane domain was found; with "series", the loop is too elongated or has corners.
+        DomainError: no simple plane domain was found, or, with "series", the loop is too elongated or has corners.
         CurveError: the formulas do not define a smooth closed curve.
         NoEdgesError, OpenWireError, BranchingEdgesError: edges do not form closed curves.
         CadFileError: the file cannot be read.
@@ -255,7 +255,7 @@ def solve_plateau_batch(
         unstable: as for `solve_plateau`.
         between: as for `solve_plateau`.
         time_limit: seconds for each loop, after which the best surface so far is yielded, or `OutOfTimeError` without
-            one; a loop may exceed it by one step.
+            one. A loop may exceed it by one step.
         device: as for `solve_plateau`.
 
     Yields:

@@ -24,11 +24,11 @@ from spinor_geom.surface.array_surface import ArraySurface
 
 Curvature: TypeAlias = tuple[float, float]  # ∫|K| dA, and a bound of its error
 # Trial displacements from an unstable surface, in diagonals. Without the four smallest ones the search on the disk
-# keeps the saddle over the tennis seam 0.76; with the largest one alone 4 of 6 searches end at other surfaces.
+# keeps the saddle over the tennis seam 0.76. With the largest one alone 4 of 6 searches end at other surfaces.
 AMPLITUDES = tuple(0.2 * 0.6**k for k in range(8))
-_MOST_VERTICES = 5000  # larger meshes are not refined; that would take seconds
+_MOST_VERTICES = 5000  # larger meshes are not refined, which would take seconds
 # A mesh resolves a surface if the normals turn by less than this angle along its edges, except for this share of the
-# faces: fits have tiny wrinkles in corners. With twice the angle z¹⁶ counts as stable; with no such faces a disk over a
+# faces: fits have tiny wrinkles in corners. With twice the angle z¹⁶ counts as stable. With no such faces a disk over a
 # ragged rim is undecided.
 _LARGEST_TURN, _UNRESOLVED = np.radians(60.0), 0.05
 
@@ -40,10 +40,10 @@ class Stability:
     Attributes:
         verdict: "stable", "unstable", or "undecided": the numerical error allows both, no mesh resolves the surface, or
             p and q are not finite.
-        eigenvalue: the smallest μ of −Δu = μ|dn|²u with u = 0 on the boundary, n the Gauss map; above 1 the second
+        eigenvalue: the smallest μ of −Δu = μ|dn|²u with u = 0 on the boundary, n the Gauss map. Above 1 the second
             variation of area is positive. None if the total curvature decides, or no mesh resolves the surface.
-        index: Morse index, the number of μ below 1; None if it is undecided.
-        total_curvature: ∫|K| dA; below 2π every disk is stable. None if it is not resolved.
+        index: Morse index, the number of μ below 1, or None if it is undecided.
+        total_curvature: ∫|K| dA. Below 2π every disk is stable. None if it is not resolved.
 
     Source: Barbosa & do Carmo, "On the size of a stable minimal surface in R³", Amer. J. Math. 98 (1976).
     """
@@ -55,9 +55,9 @@ class Stability:
 
 
 def stable_by_curvature(curvature: Curvature) -> Stability | None:
-    """The verdict "stable" if the total curvature is surely below 2π; None otherwise, and for impossible values."""
+    """The verdict "stable" if the total curvature is surely below 2π, or None otherwise, and for impossible values."""
     total, error = curvature
-    # NaN meets neither condition; that of a plane is rounding error
+    # NaN meets neither condition. The total curvature of a plane is rounding error
     if not (total >= -(EPS**0.5) and total + error < 2 * np.pi):
         return None
     return Stability(verdict="stable", eigenvalue=None, index=0, total_curvature=total)
@@ -67,7 +67,7 @@ def assess_stability(surface: ArraySurface) -> Stability:
     """Verdict of the second variation ∫ |∇u|² + 2Kλ²u² dx dy over u with u = 0 on ∂Ω.
 
     If the total curvature ∫|K| dA, an integral along ∂Ω, is below 2π, the surface is stable. Otherwise the eigenvalues
-    μ of −Δu = μ|dn|²u are computed with linear elements on two meshes of Ω, one refined, and extrapolated; the surface
+    μ of −Δu = μ|dn|²u are computed with linear elements on two meshes of Ω, one refined, and extrapolated. The surface
     is stable if the smallest is above 1. If the two meshes do not decide, finer ones are tried. Wrinkles much
     smaller than the mesh size, which fits have in corners, are ignored.
 
@@ -106,9 +106,9 @@ def _on_meshes(coarse: _Mesh, fine: _Mesh) -> Stability:
         require_time()
         few = coarse.smallest_eigenpairs(count)[0]
         many = fine.smallest_eigenpairs(count)[0][: len(few)]
-        # the bounds assume convergence of order 1 at least; the extrapolated value assumes order 2
+        # the bounds assume convergence of order 1 at least. The extrapolated value assumes order 2
         low, high = np.sort([many, 2 * many - few], axis=0)
-        # the first eigenvalue that may be 1 or more; all after it are larger
+        # the first eigenvalue that may be 1 or more. All after it are larger
         index = int(np.argmin(np.append(high < 1, False)))
         if index < len(many) or len(few) < count:
             break
@@ -158,7 +158,7 @@ def curvature_within(rims: Sequence[Complex[Array, "*b _ 2"]]) -> Float[Array, "
     """Total curvature of surfaces from p and q at points along each boundary of Ω, and a bound of its error.
 
     By Δ log λ = −Kλ², ∫|K| dA is ∮ ∂_ν log λ |dz|, the area enclosed by the normals along ∂Ω. Each branch point in Ω
-    adds 4π to the result. The number of points is even; every second point gives the error.
+    adds 4π to the result. The number of points is even. Every second point gives the error.
     """
     xp = namespace(rims[0])
     fine, coarse = (xp.stack([_polygon_area(one[..., ::step, :]) for one in rims]).sum(0) for step in (1, 2))
@@ -202,19 +202,19 @@ def _turning(surface: ArraySurface, z: Complex[np.ndarray, " n"]) -> Float[np.nd
 
 
 def _are_small(turns: Float[np.ndarray, " n"]) -> bool:
-    """Whether angles between neighbours are small, except for a few; NaN is not small."""
+    """Whether angles between neighbours are small, except for a few. NaN is not small."""
     return bool(np.mean(~(turns <= _LARGEST_TURN)) <= _UNRESOLVED)
 
 
 @dataclass(frozen=True, eq=False)
 class _Mesh:
-    """A triangulation of Ω with midpoint refinement that follows ∂Ω; coarse vertices come first."""
+    """A triangulation of Ω with midpoint refinement that follows ∂Ω. Coarse vertices come first."""
 
     surface: ArraySurface
     points: Complex[np.ndarray, " n"]
     faces: Int[np.ndarray, "f 3"]
     spinors: Complex[np.ndarray, "n 2"]  # p and q at the points
-    parameter: Float[np.ndarray, " n"]  # of boundary vertices, see `PlaneDomain.arcs`; NaN inside
+    parameter: Float[np.ndarray, " n"]  # of boundary vertices, see `PlaneDomain.arcs`, NaN inside
 
     @classmethod
     def of(cls, surface: ArraySurface, mesh: PlaneTriangulation, rim: Float[np.ndarray, " m"]) -> _Mesh:
@@ -241,7 +241,7 @@ class _Mesh:
         return np.flatnonzero(np.isnan(self.parameter))
 
     def refined(self) -> _Mesh:
-        """Divides triangles into four; new boundary vertices lie on ∂Ω, or on the edge if ∂Ω would flip a triangle."""
+        """Divides triangles into four. New boundary vertices lie on ∂Ω, or on the edge if ∂Ω would flip a triangle."""
         n = len(self.points)
         codes, sides = np.unique(edge_codes(self.faces, n), return_inverse=True)
         edges = np.stack([codes // n, codes % n], axis=1)

@@ -46,7 +46,7 @@ class Steps:
     history: list[Iteration] = field(default_factory=list)
 
     def take(self, method: Method, residual: float) -> None:
-        """Records a step; see `Iteration`."""
+        """Records a step (see `Iteration`)."""
         step = Iteration(index=len(self.history) + 1, method=method, residual=residual)
         self.history.append(step)
         if self.on_iteration is not None:

@@ -18,7 +18,7 @@ def _blas() -> ThreadpoolController:
 
 
 def _torch() -> Any:
-    """The module torch if it is imported already, else None; it is not imported here."""
+    """The module torch if it is imported already, else None. It is not imported here."""
     torch = sys.modules.get("torch")
     return torch if hasattr(torch, "set_num_threads") else None  # another thread may still be importing it
 
@@ -28,7 +28,7 @@ class _Limits:
 
     The limit of BLAS holds for the whole process: the first thread to enter sets it, the last one to leave restores it.
     threadpoolctl lets only one controlling thread change OpenBLAS's limit, so each change releases this control. The
-    limit of torch holds for one thread; a thread that starts during a solve inherits it.
+    limit of torch holds for one thread. A thread that starts during a solve inherits it.
     """
 
     def __init__(self) -> None:
@@ -39,7 +39,7 @@ class _Limits:
         self.own = local()
 
     def enter(self) -> int | None:
-        """Limits BLAS and torch to one thread; returns the number of torch threads for `leave` to restore."""
+        """Limits BLAS and torch to one thread, and returns the number of torch threads for `leave` to restore."""
         torch = _torch()
         with self.lock:
             depth, threads = getattr(self.own, "depth", 0), torch.get_num_threads() if torch else None
@@ -79,7 +79,7 @@ _limits = _Limits()
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Limits linear algebra to one thread in a `with` block; safe in any number of Python threads.
+    """Limits linear algebra to one thread in a `with` block, safe in any number of Python threads.
 
     On matrices of a few hundred rows several threads are up to a hundred times slower than one. numpy does not warn of
     overflow and undefined quotients, from which solvers recover.

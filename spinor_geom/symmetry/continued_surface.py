@@ -39,8 +39,8 @@ class ContinuedSurface:
 
     Attributes:
         solution: the piece.
-        copies: the isometries of its copies; the first is the identity.
-        lattice: a basis of the translations that continue a periodic cell; no rows for other numbers of copies.
+        copies: the isometries of its copies. The first is the identity.
+        lattice: a basis of the translations that continue a periodic cell, without rows for other numbers of copies.
         sides: the half turns and reflections in the sides of the piece.
     """
 
@@ -61,7 +61,7 @@ class ContinuedSurface:
     def mesh(self, target_edge_length: float | Literal["auto"] = "auto") -> TriangleMesh:
         """The triangles of all copies with common vertices along their common sides.
 
-        Arguments and errors are those of `mesh_patch`; also a SurfaceError if the surface is one-sided.
+        Arguments and errors are those of `mesh_patch`, and a SurfaceError if the surface is one-sided.
         """
         return self._mesh(target_edge_length)[0]
 
@@ -74,7 +74,7 @@ class ContinuedSurface:
     ) -> Solid:
         """The surface thickened by half of `thickness` to both sides, as a watertight mesh.
 
-        Arguments and errors are those of `PlateauSolution.solid`; also a SurfaceError if the surface is one-sided.
+        Arguments and errors are those of `PlateauSolution.solid`, and a SurfaceError if the surface is one-sided.
         """
         mesh, normals = self._mesh(target_edge_length)
         edges = boundary_edges(mesh.faces)
@@ -194,7 +194,7 @@ def _require_apart(
     m = mesh.boundary_size
     depth = np.abs(mesh.points[m:, None] - mesh.points[:m]).min(axis=1)
     inner = mesh.vertices[m:][depth.argsort()[-_PROBES:]]
-    # points g(r) moved by h⁻¹; the copies of a cell are a group modulo its lattice, so that one h suffices
+    # points g(r) moved by h⁻¹. The copies of a cell are a group modulo its lattice, so that one h suffices
     moved, others = copies.points(inner), copies[:1] if len(lattice) else copies
     turns = np.array(list(product((-1.0, 0.0, 1.0), repeat=len(lattice)))).reshape(3 ** len(lattice), -1)
     apart = moved[:, None] - others.shifts[:, None]

@@ -89,7 +89,7 @@ def side_symmetries(solution: PlateauSolution) -> Isometries:
 def _of_side(
     rim: RimMatch, surface: ArraySurface, start: float, end: float, size: float
 ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]] | None:
-    """The rotation and the shift of the symmetry in the side between two parameters of Γ; None without one."""
+    """The rotation and the shift of the symmetry in the side between two parameters of Γ, or None without one."""
     s = start + (end - start) * np.arange(_SAMPLES) / (_SAMPLES - 1)
     s[-1] = np.nextafter(end, start)
     points = rim.curve.point(s)

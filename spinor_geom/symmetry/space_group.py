@@ -77,7 +77,7 @@ def _distinct(
 ) -> Isometries:
     """One isometry for each different image of the piece, modulo a lattice.
 
-    Images are equal if their centres and the sets of their corners are; `points` are the centre of the rims, and the
+    Images are equal if their centres and the sets of their corners are. `points` are the centre of the rims, and the
     corners.
     """
     images = g.points(points)

@@ -20,7 +20,7 @@ from spinor_geom.holomorphic.laurent import ROUND_OFF
 class DirichletForm:
     """The Dirichlet-to-Neumann map Λ of Ω: boundary values x(t) ↦ ∂x*/∂θ, θ = 2πt, with x* the conjugate of x.
 
-    ½ ∫ x·Λx dθ is the Dirichlet energy of the harmonic function with boundary values x; it does not depend on the
+    ½ ∫ x·Λx dθ is the Dirichlet energy of the harmonic function with boundary values x. It does not depend on the
     parameter of ∂Ω. On the disk Λ multiplies Fourier coefficients by |k|. On an analytic ∂Ω it differs from that by an
     operator with a smooth kernel, which acts on low frequencies only, so that a small matrix suffices for any number of
     samples. That operator comes from the Cauchy kernel without its singular part, a cotangent, by the trapezoidal rule.
@@ -29,7 +29,7 @@ class DirichletForm:
     """
 
     boundary: FourierBoundary  # ∂Ω
-    # smooth part of the Cauchy kernel on c equal steps, with the weight 1/c; and Λ − |k|. None on the disk
+    # smooth part of the Cauchy kernel on c equal steps, with the weight 1/c, and Λ − |k|. None on the disk
     kernel: Complex[Array, "c c"] | None
     correction: Float[Array, "c c"] | None
     # The larger of two errors. That of Λz = −i dz/dθ, relative to the largest |dz/dθ|, does not detect parts of ∂Ω that
@@ -45,7 +45,7 @@ class DirichletForm:
 
     @classmethod
     def of(cls, boundary: FourierBoundary, n: int, place: Place) -> DirichletForm:
-        """Λ of any Ω; n is even and resolves the kernel. The cost is O(n³).
+        """Λ of any Ω, for an even n that resolves the kernel. The cost is O(n³).
 
         Raises:
             OutOfTimeError: time ran out.
@@ -101,7 +101,7 @@ def frequencies(n: int, place: Place) -> Float[Array, " k"]:
 
 
 def _smooth_kernel(z: Complex[np.ndarray, " n"], dz: Complex[np.ndarray, " n"]) -> Complex[np.ndarray, "n n"]:
-    """z'(τ)/(2π(z(τ) − z(t))) − ½cot(π(τ − t)) at equal steps, the smooth part of the Cauchy kernel; no diagonal."""
+    """z'(τ)/(2π(z(τ) − z(t))) − ½cot(π(τ − t)) at equal steps without diagonal: the smooth part of the kernel."""
     step = np.arange(len(z)) / len(z)
     turn, difference = step - step[:, None], z - z[:, None]
     np.fill_diagonal(turn, 0.5)
@@ -116,22 +116,22 @@ class CirclesForm:
     Each circle has a coordinate ζ that maps its side of the plane to the unit disk: ζ = z for the unit circle,
     ζ = r/(z − c) for a hole. A harmonic function on Ω is the real part of a sum of powers of all coordinates, and of a
     logarithm for each hole. On a circle the normal derivative is |k| on the powers of its own coordinate and −|k| on
-    the others. Between two concentric circles Λ multiplies Fourier coefficients; with more circles it differs from |k|
+    the others. Between two concentric circles Λ multiplies Fourier coefficients. With more circles it differs from |k|
     by an operator with a smooth kernel.
     """
 
     domain: CircularDomain  # Ω
     steps: int  # n, of every circle
     own: Float[Array, " f"]  # multipliers of a circle's own values, frequencies 0 … n/2
-    # multipliers of the conjugate spectrum of the other circle; None with more than two circles
+    # multipliers of the conjugate spectrum of the other circle, or None with more than two circles
     other: Float[Array, " f"] | None
-    # Λ − |k| on c equal steps of every circle, which resolve it; None for two circles
+    # Λ − |k| on c equal steps of every circle, which resolve it, or None for two circles
     correction: Float[Array, "mc mc"] | None
     error: float  # asymmetry of the correction, relative to the largest entry of |k|
 
     @classmethod
     def of(cls, domain: CircularDomain, n: int, *, negligible: float = ROUND_OFF) -> CirclesForm:
-        """Λ on n equal steps of every circle, n even; powers below `negligible` on other circles are omitted."""
+        """Λ on n equal steps of every circle, n even. Powers below `negligible` on other circles are omitted."""
         if domain.rims == 2:
             own, other = multipliers(-domain.log_radii[:1], n)
             return cls(domain=domain, steps=n, own=own[0], other=other[0], correction=None, error=0.0)
@@ -172,7 +172,7 @@ class CirclesForm:
         count = len(self.correction) // m
         matrix = self.correction.reshape(m, count, m, count)
         if count < n:
-            # interpolated on both sides; n/c because sums run over n steps
+            # interpolated on both sides, times n/c because sums run over n steps
             spectrum = xp.fft.rfft(matrix, axis=1)[:, : count // 2]
             matrix = xp.fft.irfft(spectrum, n=n, axis=1) * (n / count)
             spectrum = xp.fft.rfft(matrix, axis=3)[..., : count // 2]
@@ -225,7 +225,7 @@ def _coupling(domain: CircularDomain, n: int) -> Float[Array, "mn mn"]:
 
 
 def derivative(x: Float[Array, "*m n c"]) -> Float[Array, "*m n c"]:
-    """dx/dτ of columns at n equal steps of every circle; that of the highest frequency is 0 there."""
+    """dx/dτ of columns at n equal steps of every circle, where that of the highest frequency is 0."""
     n, xp = x.shape[-2], namespace(x)
     k = 1j * arange(n // 2 + 1, x)
     k[-1] = 0

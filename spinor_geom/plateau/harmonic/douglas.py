@@ -32,7 +32,7 @@ from spinor_geom.plateau.harmonic.dirichlet import DirichletForm, frequencies
 from spinor_geom.plateau.newton import SMALL, Rows, conjugate_gradients, dots, stationary
 from spinor_geom.plateau.stability import AMPLITUDES
 
-# Largest spacing of neighbouring nodes on Γ, over the mean spacing; if it is exceeded, the other nodes are crowded.
+# Largest spacing of neighbouring nodes on Γ, over the mean spacing. If it is exceeded, the other nodes are crowded.
 # Without this limit such solves take twice as many steps, and end elsewhere.
 CROWDED = 40.0
 
@@ -57,10 +57,10 @@ def minimise_dirichlet_energies(
     near: bool = False,
     on_step: Sequence[Callable[[float], None]] = (),
 ) -> tuple[HarmonicDisk | None, ...]:
-    """Harmonic disks of stationary slides of several curves on one Ω, by Newton's method; None if time ran out.
+    """Harmonic disks of stationary slides of several curves on one Ω, by Newton's method, or None if time ran out.
 
     The energy E(s) = π/n Σ Γ(s)·ΛΓ(s) is evaluated by fast Fourier transforms. Conformal maps of Ω onto itself (the
-    gauge) do not change it. On the disk, steps are orthogonal to the gauge; on other Ω conjugate gradients hardly move
+    gauge) do not change it. On the disk, steps are orthogonal to the gauge. On other Ω conjugate gradients hardly move
     along it. Steps scale the increments of s, so that s stays increasing.
 
     Args:
@@ -91,7 +91,7 @@ def minimise_dirichlet_energies(
 
 
 def slide_downhill(curve: CurveTensors, form: DirichletForm, slide: Float[Array, " n"]) -> Float[Array, " n"] | None:
-    """A slide of less energy near a stationary one that is a saddle; None for a minimum.
+    """A slide of less energy near a stationary one that is a saddle, or None for a minimum.
 
     The slide moves along the eigenvector of the Hessian with the lowest eigenvalue, in the direction and by the
     amplitude of least energy. The cost is O(n³).
@@ -109,7 +109,7 @@ def slide_downhill(curve: CurveTensors, form: DirichletForm, slide: Float[Array,
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Slides:
-    """Slides of b curves on one Ω, with the energies of their harmonic surfaces; it implements `newton.Energies`.
+    """Slides of b curves on one Ω, with the energies of their harmonic surfaces. It implements `newton.Energies`.
 
     Vectors are one array for each coordinate: operations on a last axis of length 3 are several times as slow.
     """
@@ -165,7 +165,7 @@ class Slides:
 
     @cached_property
     def _increments(self) -> Float[Array, "b n"]:
-        """s_{j+1} − s_j; their sum is 1."""
+        """The increments s_{j+1} − s_j, whose sum is 1."""
         return closed_steps(self.slide)
 
     @cached_property
@@ -266,7 +266,7 @@ def _orthonormal(rows: Float[Array, "b 3 n"]) -> Float[Array, "b 3 n"]:
 
 
 def slid(slide: Float[Array, "b n"], direction: Float[Array, "b n"], length: float) -> Float[Array, "b n"]:
-    """Slides after a step along a direction; the step scales the increments, which stay positive."""
+    """Slides after a step along a direction. The step scales the increments, which stay positive."""
     xp, increments = namespace(slide), closed_steps(slide)
     change = length * (shifted(direction, -1) - direction) / xp.clip(increments, 1e-300, None)
     # positive, and 1 + change up to third order

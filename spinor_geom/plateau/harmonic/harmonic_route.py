@@ -1,6 +1,6 @@
 """Minimal disks over loops without corners: Douglas's method on a smooth Ω, then the lift to p and q.
 
-Smooth loops take milliseconds; the cost grows as n·log n with the number n of nodes.
+Smooth loops take milliseconds. The cost grows as n·log n with the number n of nodes.
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ from spinor_geom.plateau.route_result import RouteResult, typed_failures
 from spinor_geom.plateau.solution import RouteName
 from spinor_geom.plateau.steps import SPENT
 
-# Fewest and most points that define Ω; Λ costs O(n³). With at most 64 solves take 6 % more steps. Solves between rims
-# begin with the fewest; with 16 pairs of rims take a third longer, with 64 a sixth.
+# Fewest and most points that define Ω. Λ costs O(n³). With at most 64 solves take 6 % more steps. Solves between rims
+# begin with the fewest. Pairs of rims take a third longer with 16, and a sixth longer with 64.
 FEWEST_POINTS, _POINTS = 32, 128
-BATCH_NODES = 16384  # nodes of all loops in one batch; half of it takes an eighth longer
+BATCH_NODES = 16384  # nodes of all loops in one batch. Half of it takes an eighth longer
 # Largest number of nodes per edge. Loops that need more are left to other routes: with 64 those take an eighth longer,
 # and none of them converges here.
 _MOST_PER_EDGE = 16
@@ -54,7 +54,7 @@ FEWEST_NODES = 256
 # Relative gradient at which coarse solves stop. Final solves on smooth loops stop at this times the tolerance.
 COARSE = 1e-4
 # Distance of a coarse surface over a smooth loop, in edges, beyond which a finer disk is flattened. Of 106 random loops
-# that have less, all but one converge on the first Ω; of 31 that have more, 5 do, and 9 on the Ω of the finer disk.
+# that have less, all but one converge on the first Ω. Of 31 that have more, 5 do, and 9 on the Ω of the finer disk.
 _FAR = 0.01
 # Most steps of a slide on a domain, times the square of the steps of ∂Ω, by which the time of a step grows: a second
 _MOST_WORK = 5e7
@@ -80,7 +80,7 @@ class HarmonicSolver:
             raise refusal from error
 
     def below_on_disk(self, matching: Float[np.ndarray, "n 2"]) -> RouteResult | None:
-        """A minimal disk of less area, by descent from an unstable one on the unit disk; None if none is found."""
+        """A minimal disk of less area, by descent from an unstable one on the unit disk, or None if none is found."""
         slide = self.problem.options.place.put(matching[:, 1])
         # `slide_downhill` costs O(n³)
         few = resampled(slide, min(len(slide), 2 * FEWEST_NODES))
@@ -129,7 +129,7 @@ class HarmonicSolver:
         return self._lifted(self._on_flattened(finer, t))
 
     def _lifted(self, fit: DiskFit) -> DiskFit:
-        """The fit; raises a DomainError if p and q of its harmonic surface over a smooth loop do not close up."""
+        """The fit. Raises a DomainError if p and q of its harmonic surface over a smooth loop do not close up."""
         if not self.is_rough and self._distance(fit) == math.inf:
             raise DomainError(
                 "the domain is too far from conformal for a minimal disk", vertices=len(self.problem.unit)
@@ -137,7 +137,7 @@ class HarmonicSolver:
         return fit
 
     def _distance(self, fit: DiskFit) -> float:
-        """Distance of the surface of a fit's start from Γ, in edges; infinite if there is none."""
+        """Distance of the surface of a fit's start from Γ, in edges, or infinite if there is none."""
         start = HarmonicDisk(slide=fit.slide, points=self.exact.point_and_derivative(fit.slide)[0], crowded=False)
         (lift,) = lifted_together([start], fit.form, CurveTensors.batch([self.exact]), allowed=[math.inf])
         return math.inf if lift is None else self._in_edges(lift.misfit)
@@ -200,7 +200,7 @@ class HarmonicSolver:
         return self._fit(form, disk.slide)
 
     def _begin(self) -> DiskFit:
-        """A fit on the unit disk from equal steps; node counts are rounded up by at most a quarter to share batches."""
+        """A fit on the unit disk from equal steps. Node counts are rounded up by at most a quarter to share batches."""
         points = max(FEWEST_NODES, len(self.problem.unit))
         step = 1 << ((points - 1).bit_length() - 3)
         n = step * math.ceil(points / step)
@@ -265,14 +265,14 @@ class HarmonicSolver:
         return even(max(4 * FEWEST_NODES, per_edge * points))
 
     def is_enough(self, misfit: Misfit) -> bool:
-        """Whether the distance is within the tolerance; for power series over analytic curves, at rounding error."""
+        """Whether the distance is within the tolerance, or at rounding error for power series over analytic curves."""
         allowed = self.problem.allowed
         if self.problem.options.is_series and self.is_analytic:
             allowed = min(allowed, ROUNDING)
         return misfit.excess(allowed=allowed, tolerance=allowed / self.problem.unit.mean_edge_length) <= 1
 
     def negligible_energy(self, form: DirichletForm) -> float:
-        """Decrease of the energy below which a slide stops; 0 on the disk for smooth loops, which take few steps."""
+        """Decrease of the energy below which a slide stops, or 0 on the disk for smooth loops, which take few steps."""
         is_quick = form.is_disk and not self.is_rough
         return 0.0 if is_quick else negligible_energy(len(self.problem.unit), self.problem.allowed)
 
@@ -306,7 +306,7 @@ UNFOLDING = Route("unfolded", lambda problem: HarmonicSolver(problem=problem).on
 
 
 def begun_on_unit_disk(problems: Sequence[PlateauProblem]) -> list[Route]:
-    """A route on the unit disk for each problem; the fits run in batches."""
+    """A route on the unit disk for each problem. The fits run in batches."""
     fits = [HarmonicSolver(problem=problem)._begin() for problem in problems]
     fit_together(fits)
     return [replace(UNIT_DISK, solve=partial(_finished, fit)) for fit in fits]
@@ -330,11 +330,11 @@ class DiskFit:
     slide: Float[Array, " n"]  # the start, then the last slide found
     nodes: int  # number of nodes of the next attempt
     best: tuple[Lift, HarmonicDisk] | None = None  # the nearest surface so far, and its harmonic disk
-    limit: str = ""  # why the fit has finished, as the end of a sentence; "" while it runs
+    limit: str = ""  # why the fit has finished, as the end of a sentence, or "" while it runs
     attempt: int = 0  # number of attempts so far
 
     def take(self, disk: HarmonicDisk, lift: Lift | None) -> None:
-        """Records the disk of an attempt and its lift; sets the nodes of the next attempt, or `limit`."""
+        """Records the disk of an attempt and its lift, and sets the nodes of the next attempt, or `limit`."""
         if disk.crowded:
             self.limit = "the nodes crowd on the domain's boundary"
             return
@@ -360,13 +360,13 @@ class DiskFit:
 
     @property
     def near_enough(self) -> float:
-        """RMS distance above which the lift is refined; infinite where more nodes are cheaper."""
+        """RMS distance above which the lift is refined, or infinite where more nodes are cheaper."""
         is_smooth = self.solver.is_analytic or (self.attempt == 0 and not self.solver.is_rough)
         return math.inf if is_smooth else self.solver.problem.allowed
 
 
 def fit_together(fits: Sequence[DiskFit]) -> None:
-    """Runs fits until all have finished or time is out; fits on the same Ω with equal numbers of nodes form a batch."""
+    """Runs fits until all have finished or time is out. Fits on the same Ω with equal numbers of nodes form a batch."""
     left = list(fits)
     while (left := [fit for fit in left if not fit.limit]) and not is_out_of_time():
         groups: dict[tuple[object, ...], list[DiskFit]] = defaultdict(list)

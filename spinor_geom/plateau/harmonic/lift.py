@@ -49,10 +49,10 @@ from spinor_geom.plateau.stability import Curvature, curvature_within
 from spinor_geom.surface.formulas import null_vector
 from spinor_geom.surface.frames import signs_close_up, spinors_from_phi
 
-# Steps for the constant and the closest points; with one the distance from folded curves is 2 % too large.
+# Steps for the constant and the closest points. With one the distance from folded curves is 2 % too large.
 _PLACING_STEPS = 2
 WORTHWHILE = 0.5  # a new lift, a Gauss-Newton step or more nodes must reduce the distance by this factor
-_EACH = 3  # sample points per node; with three the mean squared distance is exact
+_EACH = 3  # sample points per node. With three the mean squared distance is exact
 
 
 _Points = TypeVar("_Points", bound="_OnCurves")
@@ -64,7 +64,7 @@ class Lift:
 
     traces: OnCircles | OnCurve  # discretisation on ∂Ω
     functions: Complex[Array, "2 m t"]  # p and q in that discretisation
-    # ∫ φ dz along each rim at equal steps, with log |z − c| for log(z − c); its real part is the boundary
+    # ∫ φ dz along each rim at equal steps, with log |z − c| for log(z − c). Its real part is the boundary
     null_curve: Complex[Array, "m k 3"]
     slides: Float[Array, "m k"]  # parameters of the closest points of Γ
     misfit: Misfit  # distance of the boundary from Γ
@@ -124,9 +124,9 @@ def lifted_between(
 def lifted_together(
     disks: Sequence[HarmonicDisk], form: DirichletForm, curves: CurveTensors, *, allowed: Sequence[float]
 ) -> tuple[Lift | None, ...]:
-    """The minimal surfaces near harmonic disks on one Ω; None where p and q change sign around a branch point.
+    """The minimal surfaces near harmonic disks on one Ω, or None where p and q change sign around a branch point.
 
-    The disks have the same number of nodes and are independent; `allowed` is as for `lifted_between`, for each.
+    The disks have the same number of nodes and are independent. `allowed` is as for `lifted_between`, for each.
     """
     xp = namespace(disks[0].slide)
     slides, points = xp.stack([disk.slide for disk in disks]), xp.stack([disk.points for disk in disks])
@@ -242,20 +242,20 @@ class _SampledBoundary:
         )
 
     def at(self, which: Int[Array, " j"]) -> _SampledBoundary:
-        """The boundaries of the selected surfaces; several surfaces have one rim each."""
+        """The boundaries of the selected surfaces. Several surfaces have one rim each."""
         if len(which) == len(self.weights):
             return self
         return replace(self, curves=self.curves.at(which), start=self.start.at(which), weights=self.weights[which])
 
     def spinors(self, points: Float[Array, "b m n 3"]) -> tuple[Complex[Array, "b 2 m t"], Bool[Array, " b"]]:
-        """Functions p and q of harmonic surfaces, from values at the nodes; and whether their signs close up."""
+        """Functions p and q of harmonic surfaces, from values at the nodes, and whether their signs close up."""
         p, q = spinors_from_phi(slopes(self.form, points) * (1 / self.dz[:, ::_EACH, None]))
         return self.traces.functions(namespace(p).stack([p, q], axis=1)), signs_close_up(p, q).all(-1)
 
     def positioned(self, functions: Complex[Array, "b 2 m t"], near: _OnCurves) -> _Positioned:
         """The surfaces with given p and q, corrected to close around holes, and the closest points of Γ.
 
-        The constant minimises the mean squared distance; Newton's method finds the closest points.
+        The constant minimises the mean squared distance. Newton's method finds the closest points.
         """
         functions, spinors, velocity = closed(self.traces, functions, self.dz)
         null_curve, most, xp = self.traces.integral(velocity), 1 / self.dz.shape[1], namespace(velocity)
@@ -368,7 +368,7 @@ class _SampledBoundary:
 
 
 def _each_solved(matrices: Float[Array, "b n n"], right: Float[Array, "b n"]) -> Float[Array, "b n"]:
-    """Solutions of linear systems; on a CPU bit for bit those of single systems. Undefined for singular matrices."""
+    """Solutions of linear systems, on a CPU bit for bit those of single systems. Undefined for singular matrices."""
     if place_of(matrices) == NUMPY:
         solved, solve = [np.full_like(b, np.nan) for b in right], np.linalg.solve
         for x, one, b in zip(solved, matrices, right, strict=True):

@@ -18,8 +18,8 @@ from spinor_geom.plateau.harmonic.traces import OnCircles
 from spinor_geom.surface.array_surface import ArraySurface, Vector
 from spinor_geom.surface.formulas import null_vector
 
-# Largest turn of ∂Ω between neighbouring vertices. With twice or half of it areas by quadrature are equal to 4e-6;
-# without a limit that of a rim cut along triangles is off by 6e-3.
+# Largest turn of ∂Ω between neighbouring vertices. With twice or half of it areas by quadrature are equal to 4e-6.
+# Without a limit that of a rim cut along triangles is off by 6e-3.
 _TURN_OF_AN_EDGE = np.radians(25.0)
 
 
@@ -36,7 +36,7 @@ def domain_of(lift: Lift, *boundaries: FourierBoundary) -> PlaneDomain:
 
 
 def surface_of(lift: Lift, domain: PlaneDomain) -> Callable[[float, Vector], ArraySurface]:
-    """A function that makes the surface of a lift at a scale and translation; it stores p and q only."""
+    """A function that makes the surface of a lift at a scale and translation. It stores p and q only."""
     if domain.holes:
         root = place_of(lift.null_curve).put(domain.triangulation.points[[domain.root]])
         constant = null_vector(*lift.series.primitive(root)[0]).real + lift.shift

@@ -14,14 +14,14 @@ from spinor_geom.errors import DomainError
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.harmonic.dirichlet import DirichletForm
 
-_OVERSAMPLING = 4  # samples per point or coefficient of a curve; with 2 rough curves take a third longer
-_RESOLVED = 1e-4  # largest error of Λ; with 1e-6 solves take 1.6 times as long
+_OVERSAMPLING = 4  # samples per point or coefficient of a curve. With 2 rough curves take a third longer
+_RESOLVED = 1e-4  # largest error of Λ. With 1e-6 solves take 1.6 times as long
 # Parts of a curve face each other if the arc between them is longer than this multiple of their distance. With 1
 # domains of long ellipses count as too narrow, with 4 a rim cut along triangles is met five times less closely.
 _FACING = 2.0
 _MOST_STEPS = 4096  # largest number n of steps of ∂Ω: Λ takes 16·n² bytes
-# Steps of ∂Ω per point, and width of the Gaussian that smooths ∂Ω, in points; the first pair that resolves ∂Ω is used.
-# The first one closes narrow gaps; without it smooth loops take twice as long. Without the last one random curve 22 has
+# Steps of ∂Ω per point, and width of the Gaussian that smooths ∂Ω, in points. The first pair that resolves ∂Ω is used.
+# The first one closes narrow gaps. Without it smooth loops take twice as long. Without the last one random curve 22 has
 # no Ω.
 _SHAPES = ((4, 0.35), (8, 0.2), (12, 0.2))
 
@@ -38,7 +38,7 @@ class NodeDensity:
     """
 
     def __init__(self, curve: BoundaryCurve, points: int) -> None:
-        """Computes t for Γ; `points` is without those added in narrow places."""
+        """Computes t for Γ. `points` is without those added in narrow places."""
         self.curve = curve
         more, self.narrowest = _more_in_narrow_places(curve, points)
         total = 1 + float(more[-1])
@@ -79,7 +79,7 @@ class NodeDensity:
 
 
 def _more_in_narrow_places(curve: BoundaryCurve, points: int) -> tuple[Float[np.ndarray, " n"], float]:
-    """Cumulative number of additional nodes in narrow places, over the usual number; and the largest density.
+    """Cumulative number of additional nodes in narrow places, over the usual number, and the largest density.
 
     The width at a point is its distance from the part of Γ that faces it. The density is 1 in wide places.
     """

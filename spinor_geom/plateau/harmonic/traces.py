@@ -2,7 +2,7 @@
 
 Every rim has a parameter τ from 0 to 2π, with Ω on its left. The last axes of a `functions` array are the rims, and the
 coefficients or nodes of each. The spinors are divided by the product of √(z − c_j) over the holes around which they
-change sign; its square is part of the `weights`, so that φ dz/dτ = φ(p, q) · weights.
+change sign. The square of this product is part of the `weights`, so that φ dz/dτ = φ(p, q) · weights.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ class OnCircles:
         return min(_DEGREE + 1, self.nodes // 2)
 
     def model_of(self, spinors: Complex[Array, "2 m k"]) -> Callable[[], PowerSeries | LaurentSeries]:
-        """A function that makes the model of p and q; it stores only a copy of their coefficients."""
+        """A function that makes the model of p and q. It stores only a copy of their coefficients."""
         if self.domain.rims == 1:
             return partial(_power_series, _copied(spinors[:, 0].mT))
         return partial(_laurent_series, _copied(spinors), self.domain, self.antiperiodic)
@@ -177,7 +177,7 @@ def slopes(form: CirclesForm | DirichletForm, points: Float[Array, "*b m n 3"]) 
 def closed(
     traces: OnCircles | OnCurve, spinors: Complex[Array, "b 2 m t"], weights: Complex[Array, "m k"]
 ) -> tuple[Complex[Array, "b 2 m t"], Complex[Array, "b 2 m k"], Complex[Array, "b 3 m k"]]:
-    """Spinors with the least correction in low powers so that Re ∮ φ dz = 0 around holes; their values, and φ dz/dτ.
+    """Spinors with the least correction in low powers so that Re ∮ φ dz = 0 around holes, their values, and φ dz/dτ.
 
     `weights` are those of the traces, at enough points to resolve products of p and q.
     """
@@ -206,7 +206,7 @@ def gaps(velocity: Complex[Array, "b 3 m k"]) -> Float[Array, "b g"]:
 
 
 def gap_rows(spinors: Complex[Array, "b 2 m k"], moves: Complex[Array, "f m k"]) -> Float[Array, "b f4 g"]:
-    """Derivatives of `gaps` with respect to the coefficients of functions f in p and q; `moves` are f dz/dτ."""
+    """Derivatives of `gaps` with respect to the coefficients of functions f in p and q. `moves` are f dz/dτ."""
     xp, means = namespace(moves), [(spinors[:, i, None, 1:] * moves[..., 1:, :]).mean(-1) for i in (0, 1)]
     by_p, by_q = (xp.concat([mean, mean, mean], axis=-1) for mean in means)
     axes = np.repeat(np.eye(3), moves.shape[1] - 1, axis=1)[None]
@@ -240,7 +240,7 @@ def with_between_nodes(
     """Values of `CauchyInterpolant`s at their nodes and at each − 1 equal steps between neighbouring nodes.
 
     At a fraction δ between two nodes the cotangent part of the kernel multiplies Fourier coefficients by
-    ½ sign(k) + ½i cot(πδ); the smooth part acts on low frequencies only.
+    ½ sign(k) + ½i cot(πδ). The smooth part acts on low frequencies only.
     """
     n, count, xp, put = values.shape[-1], len(kernel), namespace(values), place_of(values).put
     half, k = count // 2, np.fft.fftfreq(n, 1 / n)
@@ -267,14 +267,14 @@ def _by_coordinate(powers: Complex[Array, "m j *rest"]) -> Complex[Array, "f *re
 
 @lru_cache(maxsize=64)
 def _integrating(n: int, place: Place) -> Complex[Array, " n"]:
-    """Fourier multipliers of the antiderivative with mean 0; 0 for the highest frequency."""
+    """Fourier multipliers of the antiderivative with mean 0, or 0 for the highest frequency."""
     k = np.fft.fftfreq(n, 1 / n)
     k[0] = k[n // 2] = math.inf
     return place.put(-1j / k)
 
 
 def _without_round_off(coefficients: Complex[Array, "k *rest"]) -> Complex[Array, "j *rest"]:
-    """Coefficients without those at the end that are rounding errors; at least one is kept."""
+    """Coefficients without those at the end that are rounding errors. At least one is kept."""
     sizes = namespace(coefficients).max(abs(coefficients).reshape(len(coefficients), -1), axis=1)
     large = indices(sizes > ROUND_OFF * sizes.max())
     return coefficients[: int(large[-1]) + 1] if len(large) else coefficients[:1]

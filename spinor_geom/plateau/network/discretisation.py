@@ -28,7 +28,7 @@ from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.network.gauss_newton import Fit
 from spinor_geom.plateau.network.network_problem import NetworkProblem, path_across
 
-# Largest number of features, with four real unknowns each. With 300 a step takes a quarter of a second; the time grows
+# Largest number of features, with four real unknowns each. With 300 a step takes a quarter of a second. The time grows
 # with the cube.
 _MAX_FEATURES = 420
 
@@ -118,11 +118,11 @@ class Discretisation:
         return NetworkProblem.on_panels(self.domain, self.panels, self.network, self.curves, self.corners)
 
     def refined(self, energy: Float[np.ndarray, " panels"], goal: float) -> Discretisation | None:
-        """More poles and shorter panels where the residual is large; None if no more features are allowed.
+        """More poles and shorter panels where the residual is large, or None if no more features are allowed.
 
         Args:
             energy: integral of the squared residual over each panel.
-            goal: target RMS residual; the panels that are not refined have at most goal²/2 together.
+            goal: target RMS residual. The panels that are not refined have at most goal²/2 together.
         """
         order = np.argsort(energy)
         is_large = np.empty(len(energy), dtype=bool)
@@ -265,7 +265,7 @@ class ModulusFields:
     """Vector fields on ∂Ω that change the moduli of Ω: conj(g), which keeps corner angles, or growth of the hole."""
 
     nodes: Complex[np.ndarray, "nodes k"]  # at the nodes of the panels, in units of Ω
-    vertices: Complex[np.ndarray, "m k"]  # at the vertices of ∂Ω, or of its hole; at most Ω's diameter
+    vertices: Complex[np.ndarray, "m k"]  # at the vertices of ∂Ω, or of its hole. At most the diameter of Ω
 
     @classmethod
     def of_corners(cls, domain: PlaneDomain, panels: Panels, features: Complex[np.ndarray, "all n"]) -> ModulusFields:

@@ -43,7 +43,7 @@ class Fit:
     readout: Complex[Array, "n 2"]  # read-outs of p and q
     constant: Float[Array, "3"]  # c: position at the start of the first panel
     slide: Float[Array, " nodes"]  # curve parameters of the nodes
-    # coefficients of the modulus fields that move Ω; `error` includes their effect to first order
+    # coefficients of the modulus fields that move Ω. `error` includes their effect to first order
     amounts: Float[Array, " k"]
     error: Float[Array, "nodes 3"]  # r + c − Γ(slide)
     tangent: Float[Array, "nodes 3"]  # Γ′(slide)
@@ -59,7 +59,7 @@ class Fit:
         constant: Float[Array, "3"] | None = None,
         amounts: Float[Array, " k"] | None = None,
     ) -> Fit:
-        """The residual at given unknowns; by default with the best constant and a fixed Ω."""
+        """The residual at given unknowns, by default with the best constant and a fixed Ω."""
         amounts = zeros((problem.fields.shape[1],), problem.weights) if amounts is None else amounts
         point, tangent = problem.point_and_derivative(slide)
         velocity, weights = problem.velocities(readout), problem.arc_weights
@@ -94,8 +94,8 @@ def gauss_newton(
 ) -> Fit:
     """Minimises ∮ |r − Γ(s)|² |dz| and the square of Re ∮ φ dz around a hole by Levenberg-Marquardt.
 
-    The residual is projected on the two directions normal to Γ'(s), which eliminates s from the linear system; s is
-    then updated along the tangent and projected onto increasing sequences. Below an RMS residual of `allowed` the
+    The residual is projected on the two directions normal to Γ'(s), which eliminates s from the linear system. Then s
+    is updated along the tangent and projected onto increasing sequences. Below an RMS residual of `allowed` the
     iteration continues only while each step halves the energy.
 
     Raises:
@@ -110,7 +110,7 @@ def gauss_newton(
         fit, damping = _damped_step(problem, fit, linear, damping)
         if fit.energy < before:
             steps.take("Gauss-Newton", fit.residual)
-        # a Jacobian takes many times as long as a step; energies of 0 and infinity do not decrease
+        # a Jacobian takes many times as long as a step. Energies of 0 and infinity do not decrease
         if not fit.energy < before / 2:
             if fresh and (fit.energy <= allowed**2 or not fit.energy <= STALLED**2 * before):
                 break
@@ -200,7 +200,7 @@ def _directions(
 
 
 def _damped_step(problem: NetworkProblem, state: Fit, linear: _Linear, damping: float) -> tuple[Fit, float]:
-    """The fit after the first step, with increasing damping, that lowers the energy; unchanged if none does."""
+    """The fit after the first step, with increasing damping, that lowers the energy, or the fit itself if none does."""
     n = problem.features.shape[1]
     gradient = linear.gradient(problem, state)
     xp, own = namespace(gradient), namespace(gradient).arange(len(gradient))

@@ -42,7 +42,7 @@ class NetworkProblem:
         curves: tuple[CurveTensors, ...],
         corners: tuple[Float[np.ndarray, " _"], ...],
     ) -> NetworkProblem:
-        """The problem on the nodes of panels, for a fixed domain; `corners` are as for `slide_bounds`."""
+        """The problem on the nodes of panels, for a fixed domain. `corners` are as for `slide_bounds`."""
         put = place_of(network.poles).put
         across = [path_across(domain, hole) for hole in range(len(domain.holes))]
         paths, steps = [path for path, _ in across], [step for _, step in across]
@@ -119,7 +119,7 @@ class NetworkProblem:
         return totals
 
     def velocities(self, readout: Complex[Array, "n 2"]) -> Complex[Array, "points 3"]:
-        """φ dz/dt at the nodes and on the paths; its real part is dr/dt."""
+        """φ dz/dt at the nodes and on the paths. Its real part is dr/dt."""
         return self.null_curve(readout) * self.dz[:, None]
 
     def null_curve(self, readout: Complex[Array, "n 2"]) -> Complex[Array, "points 3"]:

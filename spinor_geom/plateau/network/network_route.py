@@ -44,12 +44,12 @@ from spinor_geom.surface.array_surface import PATH_ORDER, ArraySurface
 from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.frames import signs_close_up
 
-_NEGLIGIBLE_MOVE = 0.01  # displacement of Ω treated as 0, over the residual; with 1 areas are off by 5e-4
+_NEGLIGIBLE_MOVE = 0.01  # displacement of Ω treated as 0, over the residual. With 1 areas are off by 5e-4
 # Number of pieces per side of polygons given by their corners alone: with 8 the residual of the tetrahedron's
 # quadrilateral is 1e-6 of a side, undivided 1e-2.
 PARTS_OF_A_SIDE = 8
 # Distance of a first fit from Γ, in edges, from which it is not refined: of 20 random loops the 5 beyond it stay beyond
-# a tenth of an edge; those within come to 0.02 and less.
+# a tenth of an edge. Those within come to 0.02 and less.
 _LOST = 0.2
 _PARTS = 4  # pieces per edge of ∂Ω in the test for self-crossings, and where integration paths leave Ω
 
@@ -167,7 +167,7 @@ class NetworkSolver:
     def result(
         self, fitted: Fitted, curves: tuple[BoundaryCurve, ...], route: RouteName, rims_result: RimsResult | None
     ) -> RouteResult:
-        """The surface of a fit; `curves` are Γ in the order and direction of the boundaries of Ω."""
+        """The surface of a fit. `curves` are Γ in the order and direction of the boundaries of Ω."""
         with self.problem.clock.stage("surface"):
             surface, rms_offset = fitted_surface(fitted, allowed=self.problem.allowed)
             return RouteResult(
@@ -183,7 +183,7 @@ class NetworkSolver:
             )
 
     def _improved(self, fitted: Fitted, disk: Disk) -> Fitted:
-        """The better of a fit and a fit from a finer disk; the first one where the second fails."""
+        """The better of a fit and a fit from a finer disk, or the first one if the second fails."""
         try:
             with self.problem.clock.stage("first fill"):
                 finer = finer_disk(disk, *self._sizes)
@@ -192,7 +192,7 @@ class NetworkSolver:
             return fitted
 
     def _opened(self, fitted: Fitted, disk: Disk) -> Fitted:
-        """The better of a fit and a fit over Ω with opened corners; the first one if the second fails."""
+        """The better of a fit and a fit over Ω with opened corners, or the first one if the second fails."""
         try:
             return min(fitted, self._fitted_from(disk, opened=True), key=lambda one: self.problem.excess(one.misfit))
         except (DomainError, SingularMatrixError, OutOfTimeError):
@@ -203,7 +203,7 @@ class NetworkSolver:
 
         Args:
             start: the surface.
-            opened: whether reentrant corners of Ω are opened; raises a DomainError if there are none.
+            opened: whether reentrant corners of Ω are opened. Raises a DomainError if there are none.
         """
         sides, place = self._sides, self.problem.options.place
 
@@ -395,7 +395,7 @@ def fitted_surface(fitted: Fitted, *, allowed: float) -> tuple[ArraySurface, flo
     network = replace(stage.network, readout=fit.readout)
     some = xp.arange(stage.panels.order // 2, len(stage.panels.t), stage.panels.order)
     weight = stage.problem.arc_weights.reshape(-1, stage.panels.order).sum(1)
-    # at notches, edges of the polygon can be outside Ω and close to poles; a finer polygon avoids this
+    # at notches, edges of the polygon can be outside Ω and close to poles. A finer polygon avoids this
     for parts in (1, _PARTS):
         domain = stage.domain if parts == 1 else stage.domain.divided(parts)
         order = PATH_ORDER * fitted.rounds

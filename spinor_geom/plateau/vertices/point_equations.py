@@ -29,7 +29,7 @@ from spinor_geom.plateau.newton import MOST_STEPS
 
 # Damping, as a share of the mean of the Gram matrix's diagonal, as some equations may have no solution: for n paths
 # n times |D x|², D the differences along a rim, as for errors of the points between the paths, and |x|². Residuals, in
-# edges: with 4e-10, 5e-3 on one of sixty rims cut along triangles, and 5e-1 on teeth of 20°; with 1e-8 the solve takes
+# edges: with 4e-10, 5e-3 on one of sixty rims cut along triangles, and 5e-1 on teeth of 20°. With 1e-8 the solve takes
 # twice as long on 1,200 points with 30 % noise.
 _DAMPING = 1e-9
 # Up to _MANY paths factors in double precision are fast enough. In single precision the diagonal gets more, in these
@@ -55,14 +55,14 @@ class PointEquations:
     rows: Complex[Array, "k n2"]  # conjugates of ∫ 2pf dz along each path for all features f, then of ∫ 2qf dz
     before: Int[np.ndarray, " n"]  # the path that ends where each one starts, or itself
     damping: float
-    factor: Float[Array, "n3 n3"]  # of the damped Gram matrix of the 3n functions; in single precision for many paths
+    factor: Float[Array, "n3 n3"]  # of the damped Gram matrix of the 3n functions, in single precision for many paths
     directions: list[_Direction] = field(default_factory=list)  # of earlier solutions
 
     @classmethod
     def of(
         cls, by_p: Complex[Array, "k n"], by_q: Complex[Array, "k n"], before: Int[np.ndarray, " n"] | None = None
     ) -> PointEquations:
-        """The equations with their factor; `before` has the path that ends where each one starts, by default none."""
+        """The equations with their factor. `before` has the path that ends where each one starts, by default none."""
         n, xp = by_p.shape[1], namespace(by_p)
         rows, is_single = xp.concat([by_p, by_q], axis=1), n > _MANY
         matrix = _gram_of_integrals(as_dtype(rows, xp.complex64) if is_single else rows)

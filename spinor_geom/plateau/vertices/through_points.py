@@ -33,11 +33,11 @@ from spinor_geom.plateau.vertices.edge_features import EdgeFeatures, nodes_on_ed
 from spinor_geom.plateau.vertices.point_equations import PointEquations
 from spinor_geom.surface.formulas import phi
 
-# Gauss-Legendre nodes on each edge. The distance is measured with twice as many; if it is too large the solve is
+# Gauss-Legendre nodes on each edge. The distance is measured with twice as many. If it is too large the solve is
 # repeated with them: for 1 in 25 rims cut along triangles, with 10 nodes for every third.
 NODES = 14
-# Step lengths to try. Without the last one three of sixty rims cut along triangles keep a residual of 1e-3 of an edge;
-# shorter steps improve none. With an old linearisation they are tried for rims of more than _LONG points: they save a
+# Step lengths to try. Without the last one three of sixty rims cut along triangles keep a residual of 1e-3 of an edge.
+# Shorter steps improve none. With an old linearisation they are tried for rims of more than _LONG points: they save a
 # second linearisation of 1,200 points with 30 % noise, a third of the time, and cost a third one of 600 points.
 _LENGTHS = (1.0, 0.5, 0.25)
 _LONG = 1000
@@ -45,7 +45,7 @@ _LONG = 1000
 # does not halve the distance, is allowed for every 100 points. For short rims a linearisation takes little time and
 # leads to closer solutions: with slow steps three of sixty rims cut along triangles keep a residual of 1e-3 of an edge.
 _POINTS_PER_SLOW_STEP = 100
-DEGREE = 24  # degree of the polynomials; with 12 two of these rims keep 1e-3 to 3e-3 of an edge, 48 improves none
+DEGREE = 24  # degree of the polynomials. With 12 two of these rims keep 1e-3 to 3e-3 of an edge, 48 improves none
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

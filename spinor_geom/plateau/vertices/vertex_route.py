@@ -42,7 +42,7 @@ from spinor_geom.surface.array_surface import ArraySurface
 from spinor_geom.surface.formulas import null_vector, phi
 from spinor_geom.surface.interior import RimPrimitive
 
-# Largest distance of a start from the points, and of Γ from the rim's edges, in mean edges; one in seven rims cut along
+# Largest distance of a start from the points, and of Γ from the rim's edges, in mean edges. One in seven rims cut along
 # triangles exceeds half of it. Along a rim the errors of a start's edges add up like a random walk, so starts of more
 # than _SHORT points may be farther away: 3.4 for 1,200 points with noise of 30 % of an edge, where Newton's method
 # still converges. For rims of scans it did not converge from starts beyond this limit.
@@ -110,7 +110,7 @@ THROUGH_POINTS = Route("vertices", disk_through_points)
 def _fitted(
     basis: Basis, spinors: Complex[Array, "n 2"], raw: Complex[Array, "k 2"] | None, problem: PlateauProblem
 ) -> Complex[Array, "k 2"]:
-    """Read-outs of the surface through all points nearest to spinors at edge midpoints; `raw` is an initial guess."""
+    """Read-outs of the surface through all points nearest to spinors at edge midpoints. `raw` is an initial guess."""
     (rim,) = basis.rims
     start = rim.nearest_between(spinors)
     readout = start if raw is None else rim.norm.mT.conj() @ raw
@@ -191,7 +191,7 @@ def _basis_around(domain: PlaneDomain, smooth: LaurentSeries) -> tuple[Basis, Co
     if domain.contains(to_numpy(circles.centres)).any():
         raise DomainError("a hole of Ω is too narrow for the teeth of its rim", vertices=len(domain.vertices))
     for number, centre in enumerate(circles.centres.tolist(), 1):
-        # halfway to its centre, for low frequencies around the hole; as many poles as polynomials
+        # halfway to its centre, for low frequencies around the hole, as many poles as polynomials
         turn = np.exp(2j * np.pi * np.arange(DEGREE + 1) / (DEGREE + 1))
         radius = np.abs(domain.boundaries[number].vertices - centre).min() / 2
         poles[number] += Poles(positions=centre + radius * turn, scales=np.full(DEGREE + 1, radius))
