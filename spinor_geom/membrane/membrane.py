@@ -137,7 +137,7 @@ def solve_membrane(
     frame, begin = Frame.of(edges), perf_counter()
     if not frame.rings and frame.turns >= np.pi * (len(frame.edges) - 2):
         raise SurfaceError(_collapsed(frame, "its cables would turn by more than its corners leave room for"))
-    control, tensions = frame.start, np.array([one.first_tension for one in frame.cables])
+    control, tensions = frame.start, np.array([one.first_tension for one in frame.cables], dtype=np.float64)
     while len(frame.crossed(frame.straight, control)):
         control = (control + frame.straight) / 2
     steps: list[float] = []
