@@ -194,22 +194,20 @@ class _Package:
                     problem = f"with it the build has over {most_rows:,} rows, or objects over {DEEPEST} levels deep"
                     raise malformed(f"{part}, object {number}", problem, "write each mesh once")
                 if len(mesh.faces):
-                    if not abs(np.linalg.det(transform[:3])) > 0:
-                        raise malformed(
-                            f"{part}, object {number}", "its transform is singular", "correct the transform"
-                        )
                     start = found[-1].stop if found else 0
                     found.append(_Instance(key=key, mesh=mesh, transform=transform, start=start))
-                stack += [
-                    ((inner, np.vstack([own[:3] @ transform[:3], own[3:] @ transform[:3] + transform[3]])), depth + 1)
-                    for inner, own in reversed(mesh.components)
-                ]
+                shift = transform * [[0], [0], [0], [1]]
+                stack += [((inner, own @ transform[:3] + shift), depth + 1) for inner, own in reversed(mesh.components)]
 
         for item in self.items:
             add(item)
         for number, mesh in self.objects(self.root).items():
             if (self.root, number) not in seen and len(mesh.faces):
                 add(((self.root, number), IDENTITY))
+        sizes = np.abs(np.linalg.det(np.array([one.transform[:3] for one in found]).reshape(-1, 3, 3)))
+        if not (sizes > 0).all():
+            part, number = found[int(np.argmin(sizes > 0))].key
+            raise malformed(f"{part}, object {number}", "its transform is singular", "correct the transform")
         self.notes += [f"{what} does not exist, and is left out" for what in dict.fromkeys(missing[:MOST_NOTES])]
         return found
 

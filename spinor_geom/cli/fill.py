@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
 from itertools import count
 from typing import TYPE_CHECKING, Any, Literal
 
+from rich.console import Console
 from rich.text import Text
 
 from spinor_geom.adapters.mesh_files import known_suffix
@@ -27,7 +30,10 @@ if TYPE_CHECKING:
 _OPTIONAL = ("stability", "perimeter", "seconds", "residual", "points")
 # text and style of a loop without a patch, by whether it was requested
 _OPEN = {True: ("open", "red"), False: ("left open", "dim")}
-_MOST_LISTED = 20  # loops; of more only those with warnings are listed on standard error
+# Loops. Of more, only warnings are listed on standard error, those that are alike in one line.
+_MOST_LISTED = 20
+_MOST_INDICES = 5  # of loops with the same warning that are listed
+_WITHOUT_NUMBERS = str.maketrans("", "", "0123456789.,+-e ")  # nor their separators
 # columns that are left out if empty: the RMS angle between patch and mesh along the boundary loop before and after the
 # continuation, the number of intersections, and the area of the mesh where it differs from that of the surface
 BEND, CROSSINGS, MESH_AREA = "bend", "crossings", "mesh area"
@@ -134,16 +140,16 @@ def _show_result(result: FillResult, *, quiet: bool) -> None:
     """Prints a table of loops on a terminal, and warnings on standard error.
 
     Without a terminal, a line of counts and, of at most `_MOST_LISTED` loops, those filled without warnings are on
-    standard error too, unless `quiet`.
+    standard error too, unless `quiet`. Of more loops, warnings that are alike are one line.
     """
-    if result.loops:
+    if not result.loops:
+        show_lines("no boundary loops: nothing to fill", piped=True)
+    elif Console().is_terminal:
         rows = [_row(outcome) for outcome in result.loops]
         columns = [
             name for name in rows[0] if name not in (BEND, CROSSINGS, MESH_AREA) or any(str(row[name]) for row in rows)
         ]
         show_table(columns, [[row[name] for name in columns] for row in rows], piped=False, optional=_OPTIONAL)
-    else:
-        show_lines("no boundary loops: nothing to fill", piped=True)
     for note in result.notes:
         if result.loops and note not in result.mesh.notes:
             complain(note)
@@ -156,14 +162,31 @@ def _show_result(result: FillResult, *, quiet: bool) -> None:
     )
     show_lines(summary, piped=False)
     is_told = not quiet and not sys.stdout.isatty()
-    for outcome in result.loops:
-        lines = outcome.shortcomings
-        if (not lines or outcome.choice) and outcome.filled and is_told and len(result.loops) <= _MOST_LISTED:
-            lines = (f"loop {outcome.index} ({len(outcome.loop)} vertices): {_description(outcome)}", *lines)
-        for line in lines:
+    if len(result.loops) > _MOST_LISTED:
+        for line in _grouped(result.loops):
             complain(line)
+    else:
+        for outcome in result.loops:
+            lines = outcome.shortcomings
+            if (not lines or outcome.choice) and outcome.filled and is_told:
+                lines = (f"loop {outcome.index} ({len(outcome.loop)} vertices): {_description(outcome)}", *lines)
+            for line in lines:
+                complain(line)
     if is_told and result.loops:
         complain(summary)
+
+
+def _grouped(outcomes: Iterable[LoopOutcome]) -> Iterator[str]:
+    """The warnings on loops, one of those that differ by their numbers only, with the indices of the other loops."""
+    alike = defaultdict[str, list[tuple[int, str]]](list)
+    for outcome in outcomes:
+        for line in outcome.shortcomings:
+            alike[line.translate(_WITHOUT_NUMBERS)].append((outcome.index, line))
+    for (_, line), *others in alike.values():
+        some = ", ".join(str(index) for index, _ in others[:_MOST_INDICES])
+        rest = ", ... (--report lists all)" if len(others) > _MOST_INDICES else ""
+        name = "loop" if len(others) == 1 else "loops"
+        yield f"{line}; likewise {len(others)} other {name}: {some}{rest}" if others else line
 
 
 def _description(outcome: LoopOutcome) -> str:

@@ -76,7 +76,8 @@ def find_islands(
     corners = mesh.vertices[mesh.faces[sheets.face_ids[order]]].transpose(1, 2, 0)
     low, high = (extreme.reduceat(corners, first, axis=2) for extreme in (np.minimum, np.maximum))
     size = np.linalg.norm(high.max(axis=0) - low.min(axis=0), axis=0)[own]
-    lows, highs = (np.array([limit(loop.points, axis=0) for loop in loops]) for limit in (np.min, np.max))
+    points, starts = np.concatenate([loop.points for loop in loops]), np.cumsum([0, *map(len, loops[:-1])])
+    lows, highs = (extreme.reduceat(points, starts) for extreme in (np.minimum, np.maximum))
     reach = np.linalg.norm(highs - lows, axis=1)[:, None]
     # the enlarged boxes of the loops, those of the largest pieces first
     order = np.argsort(-size, kind="stable")

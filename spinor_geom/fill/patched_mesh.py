@@ -115,7 +115,7 @@ class PatchedMesh:
         """Removes all patches."""
         self.face_count = len(self.mesh.faces)
         self.reach = np.array([[np.inf] * 3, [-np.inf] * 3])
-        self._edges = set(self._mesh_edges)
+        self._patch_edges: set[int] = set()
         self._patches: list[_Piece] = []
         # bounding boxes of the patches, low and high corner in one row. The array has spare rows
         self._boxes = np.empty((1, 6))
@@ -133,7 +133,7 @@ class PatchedMesh:
 
     def has_edges(self, edges: Int[np.ndarray, "e 2"]) -> Bool[np.ndarray, " e"]:
         """Whether pairs of vertices of loops are edges of the mesh or of a patch."""
-        return np.array([key in self._edges for key in self._keys(edges)], dtype=bool)
+        return np.array([key in self._mesh_edges or key in self._patch_edges for key in self._keys(edges)], dtype=bool)
 
     def face_on(self, loop: BoundaryLoop) -> int | None:
         """The mesh face of which a loop is the outline, or None."""
@@ -286,14 +286,14 @@ class PatchedMesh:
         near = PatchedMesh(mesh, [replace(loop, vertex_ids=np.arange(len(rim)))])
         shared = np.flatnonzero(self._loops_at[rim] > 1)
         pairs = np.stack(np.triu_indices(len(shared), 1), axis=1)
-        near._edges.update(near._keys(shared[pairs][self.has_edges(rim[shared[pairs]])]))
+        near._patch_edges.update(near._keys(shared[pairs][self.has_edges(rim[shared[pairs]])]))
         for piece in self._patches_in(*box):
             near._add(frame.local(piece.vertices), piece.faces)
         return near
 
     def join(self, patch: Patch, rim: Int[np.ndarray, " m"]) -> int:
         """Adds a patch with the boundary vertices `rim` of the mesh. Returns the number of its first face."""
-        self._edges.update(self._keys(rim[patch_chords(patch)]))
+        self._patch_edges.update(self._keys(rim[patch_chords(patch)]))
         return self._add(patch.vertices, np.asarray(patch.faces))
 
     def _add(self, vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> int:

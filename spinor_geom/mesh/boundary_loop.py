@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import math
+from collections import defaultdict
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
@@ -147,7 +148,7 @@ class BoundaryLoop:
         """The points, with points added on long edges, and a mask of the loop's own points."""
         return with_long_edges_divided(self.points)
 
-    @property
+    @cached_property
     def perimeter(self) -> float:
         """Sum of the edge lengths, in mesh units."""
         return float(self.edge_lengths.sum())
@@ -157,7 +158,7 @@ class BoundaryLoop:
         """Perimeter over number of edges, in mesh units."""
         return self.perimeter / len(self)
 
-    @property
+    @cached_property
     def diagonal(self) -> float:
         """Diagonal of the axis-parallel bounding box of the points, in mesh units."""
         return float(diagonals(self.points))
@@ -190,19 +191,56 @@ class BoundaryLoop:
         """Root mean squared distance of the points from `plane`, in mesh units."""
         return float(self._principal_axes[1][2])
 
-    @property
+    @cached_property
     def elongation(self) -> float:
         """Ratio of the two longest sides of the box along the principal axes, ≥ 1; ∞ for collinear points."""
         axes, _ = self._principal_axes
-        _, second, longest = np.sort(np.ptp((self.points - self.centroid) @ axes.T, axis=0)).tolist()
-        return longest / second if second > 0 else math.inf
+        return float(_elongations(self.points - self.centroid, axes))
 
     @cached_property
     def _principal_axes(self) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, " 3"]]:
         """Principal axes as rows, widest first, and the root mean squared deviation along each."""
-        weighted = (self.points - self.centroid) * np.sqrt(_point_weights(self.points))[:, None]
-        _, deviations, axes = np.linalg.svd(weighted, full_matrices=False)
-        return axes, deviations
+        return _weighted_axes(self.points - self.centroid, _point_weights(self.points))
+
+
+def measure(loops: Iterable[BoundaryLoop]) -> None:
+    """Computes the measures of loops that are kept on first use, of all loops with the same number of points at once.
+
+    For thousands of small loops this takes a tenth of the time.
+    """
+    by_count = defaultdict[int, list[BoundaryLoop]](list)
+    for loop in loops:
+        by_count[len(loop)].append(loop)
+    for same in by_count.values():
+        points = np.stack([loop.points for loop in same])
+        lengths, centres = edge_lengths(points), centroids(points)
+        centred = points - centres[:, None]
+        axes, deviations = _weighted_axes(centred, _point_weights(points))
+        measures: dict[str, Iterable[object]] = {
+            "edge_lengths": shared(lengths),
+            "perimeter": lengths.sum(axis=-1).tolist(),
+            "diagonal": diagonals(points).tolist(),
+            "centroid": shared(centres),
+            "elongation": _elongations(centred, axes).tolist(),
+            "_principal_axes": zip(axes, deviations, strict=True),
+        }
+        for loop, *values in zip(same, *measures.values(), strict=True):
+            loop.__dict__.update(zip(measures, values, strict=True))
+
+
+def _weighted_axes(
+    centred: Float[np.ndarray, "*b m 3"], weights: Float[np.ndarray, "*b m"]
+) -> tuple[Float[np.ndarray, "*b 3 3"], Float[np.ndarray, "*b 3"]]:
+    """Principal axes of weighted points as rows, widest first, and the root mean squared deviation along each."""
+    _, deviations, axes = np.linalg.svd(centred * np.sqrt(weights)[..., None], full_matrices=False)
+    return axes, deviations
+
+
+def _elongations(centred: Float[np.ndarray, "*b m 3"], axes: Float[np.ndarray, "*b 3 3"]) -> Float[np.ndarray, "*b"]:
+    """Ratios of the two longest sides of boxes along axes, ∞ if the second is 0."""
+    sides = np.sort(np.ptp(centred @ axes.swapaxes(-1, -2), axis=-2), axis=-1)
+    second, longest = sides[..., 1], sides[..., 2]
+    return np.asarray(np.divide(longest, second, out=np.full_like(longest, np.inf), where=second > 0))
 
 
 def diagonals(points: Float[np.ndarray, "*b m 3"]) -> Float[np.ndarray, "*b"]:

@@ -15,12 +15,11 @@ from itertools import chain, pairwise
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from spinor_geom.arrays import shifted
+from spinor_geom.arrays import norm
 from spinor_geom.errors import DuplicateVertexError, MeshError, NonManifoldEdgeError
-from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners
+from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners, measure
 from spinor_geom.mesh.loop_frame import first_points
 from spinor_geom.mesh.seams import find_overlaps
-from spinor_geom.mesh.spacing import edge_lengths
 from spinor_geom.mesh.topology import HalfEdges, referenced_vertices
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 
@@ -67,27 +66,38 @@ def find_boundary_loops(mesh: TriangleMesh, sheets: Sheets | None = None) -> lis
     number, of_loop = np.append(number[:, 0], number[is_other, 1]), np.append(of_loop, of_loop[is_other])
     order = np.lexsort((of_loop, number))
     junctions, bounds = overlaps.junctions[of_loop[order]], np.searchsorted(number[order], np.arange(len(beside) + 1))
-    loops, perimeters = [], []
-    for (start, end), ends_of, near in zip(pairwise(traced.starts), pairwise(bounds), beside, strict=True):
-        part = slice(start, end)
-        vertices, own = traced.vertices[part], points[part]
-        lengths = edge_lengths(own)
-        perimeters.append(perimeter := float(lengths.sum()))
-        entry, edge = junctions[slice(*ends_of)].T
-        loop = BoundaryLoop(
-            points=own,
-            vertex_ids=vertices,
-            corners=detect_corners(own),
-            slit_fraction=float(lengths @ overlaps.own[part]) / perimeter if perimeter else 0.0,
-            seam_edges=np.stack([vertices, shifted(vertices, -1)], axis=1)[on_other[part]],
-            seam_distance=float(overlaps.distance[part].max()),
-            junctions=traced.vertices[np.stack([entry, edge, successor[edge]], axis=1)],
+    entry, edge = junctions.T
+    junctions = traced.vertices[np.stack([entry, edge, successor[edge]], axis=1)]
+    edges = np.stack([traced.vertices, traced.vertices[successor]], axis=1)
+    lengths = norm(points[successor] - points)
+    overlapping, perimeters = np.add.reduceat([lengths * overlaps.own, lengths], traced.starts[:-1], axis=1)
+    slit = np.divide(overlapping, perimeters, out=np.zeros_like(perimeters), where=perimeters > 0)
+    distance = np.maximum.reduceat(overlaps.distance, traced.starts[:-1])
+    are_beside = np.logical_or.reduceat(defects.are_at(traced.vertices, traced.half_edges), traced.starts[:-1])
+    loops = [
+        BoundaryLoop(
+            points=points[start:end],
+            vertex_ids=traced.vertices[start:end],
+            corners=detect_corners(points[start:end]),
+            seam_edges=edges[start:end][on_other[start:end]],
+            slit_fraction=share,
+            seam_distance=apart,
+            junctions=junctions[slice(*ends_of)],
             beside=near,
-            obstacle=defects.obstacle(traced.half_edges[part]),
-            remarks=tuple(defects.remarks(vertices, traced.half_edges[part])),
+            obstacle=defects.obstacle(traced.half_edges[start:end]) if has_defects else None,
+            remarks=tuple(defects.remarks(traced.vertices[start:end], traced.half_edges[start:end]))
+            if has_defects
+            else (),
         )
-        loops.append(loop)
-    order = np.lexsort((np.minimum.reduceat(traced.vertices, traced.starts[:-1]), -np.array(perimeters)))
+        for (start, end), ends_of, near, share, apart, has_defects in zip(
+            *(pairwise(traced.starts.tolist()), pairwise(bounds.tolist())),
+            *(beside, slit.tolist(), distance.tolist(), are_beside.tolist()),
+            strict=True,
+        )
+    ]
+    measure(loops)
+    longest_first = np.array([-loop.perimeter for loop in loops])
+    order = np.lexsort((np.minimum.reduceat(traced.vertices, traced.starts[:-1]), longest_first))
     return [loops[k] for k in order.tolist()]
 
 
@@ -317,6 +327,15 @@ class _FaceDefects:
         nonmanifold = half_edges.order[edges >= 0]
         for ends in (half_edges.origin, half_edges.target):
             self._nonmanifold_at[ends[nonmanifold]] = self._nonmanifold_of[nonmanifold]
+
+    def are_at(self, vertices: Int[np.ndarray, " n"], half_edges: Int[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
+        """Whether there is a defect at each of the vertices and half-edges of loops."""
+        return np.asarray(
+            (self._sheets.half_edges.origin[half_edges] == vertices)
+            | self._at_degenerate[vertices]
+            | self._is_copied[self._sheets.face_ids[half_edges // 3]]
+            | (self._nonmanifold_at[vertices] >= 0)
+        )
 
     def obstacle(self, half_edges: Int[np.ndarray, " m"]) -> MeshError | None:
         """The error of the first non-manifold edge of a loop, where no patch can be joined, or None without one."""

@@ -134,7 +134,10 @@ def _meeting_edges(starts: Chain, ends: Chain, wanted: Callable[..., Bool[np.nda
     tolerance += 4 * EPS * float(np.abs(starts).max())
 
     def meet(i: Numbers, j: Numbers) -> Bool[np.ndarray, " k"]:
-        return np.asarray(wanted(i, j) & (_segment_distances(starts[i], ends[i], starts[j], ends[j]) <= tolerance))
+        are_meeting = wanted(i, j)
+        i, j = i[are_meeting], j[are_meeting]
+        are_meeting[are_meeting] = _segment_distances(starts[i], ends[i], starts[j], ends[j]) <= tolerance
+        return are_meeting
 
     return near_edges(starts, ends, tolerance, meet), tolerance
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -131,34 +132,43 @@ def first_points(
         largest = np.where(is_best, features[-1], -np.inf).max(axis=1, keepdims=True)
         is_best &= features[-1] >= largest - allowed
         if np.count_nonzero(is_best) == len(points):
-            best = is_best.argmax(axis=1)
             break
     else:
-        best = is_best.argmax(axis=1)
-        for row in np.flatnonzero(is_best.sum(axis=1) > 1).tolist():
-            own = np.stack([values[row] for values in features], axis=1)
-            best[row] = _with_largest_sequence(np.flatnonzero(is_best[row]), own, float(allowed[row, 0]))[0]
+        rows = np.flatnonzero(is_best.sum(axis=1) > 1)
+        own = np.stack([values[rows] for values in features], axis=2)
+        is_best[rows] = _with_largest_sequence(is_best[rows], own, allowed[rows])
+    best = is_best.argmax(axis=1)
     return best % m, best >= m
 
 
 def _with_largest_sequence(
-    candidates: Int[np.ndarray, " c"], features: Float[np.ndarray, "n k"], allowed: float
-) -> Int[np.ndarray, " _"]:
-    """The points, forwards or backwards, from which the sequence of features is largest."""
-    m = len(features) // 2
-    while len(candidates) > 1:
-        backward, place = np.divmod(candidates, m)
-        # sequences that agree up to the next candidate are equal
-        gaps = [np.diff(own, append=own[:1] + m) for own in (place[backward == 0], place[backward == 1])]
-        ahead = np.arange(max(own.max(initial=1) for own in gaps))
-        passed = (place[:, None] + np.where(backward, -1, 1)[:, None] * ahead) % m + m * backward[:, None]
-        sequences = features[passed].reshape(len(candidates), -1)
-        differ = np.ptp(sequences, axis=0) > allowed
-        if not differ.any():
-            break
-        values = sequences[:, differ.argmax()]
-        candidates = candidates[values >= values.max() - allowed]
-    return candidates
+    is_best: Bool[np.ndarray, "b n"], features: Float[np.ndarray, "b n k"], allowed: Float[np.ndarray, "b 1"]
+) -> Bool[np.ndarray, "b n"]:
+    """Those of the given points of each polygon, forwards or backwards, with the largest sequence of features."""
+    is_best, m = is_best.copy(), is_best.shape[1] // 2
+    rows = np.arange(len(is_best))
+    while len(rows):
+        # polygons with the same candidates are compared together
+        alike = defaultdict[bytes, list[int]](list)
+        for row in rows.tolist():
+            alike[is_best[row].tobytes()].append(row)
+        changed = []
+        for same in map(np.array, alike.values()):
+            candidates = np.flatnonzero(is_best[same[0]])
+            backward, place = np.divmod(candidates, m)
+            # sequences that agree up to the next candidate are equal
+            gaps = [np.diff(own, append=own[:1] + m) for own in (place[backward == 0], place[backward == 1])]
+            ahead = np.arange(max(own.max(initial=1) for own in gaps))
+            passed = (place[:, None] + np.where(backward, -1, 1)[:, None] * ahead) % m + m * backward[:, None]
+            sequences = features[same[:, None, None], passed].reshape(len(same), len(candidates), -1)
+            differ = np.ptp(sequences, axis=1) > allowed[same]
+            which = np.flatnonzero(differ.any(axis=1))
+            values = sequences[which, :, differ[which].argmax(axis=1)]
+            is_largest = values >= values.max(axis=1, keepdims=True) - allowed[same[which]]
+            is_best[same[which, None], candidates] = is_largest
+            changed.append(same[which][is_largest.sum(axis=1) > 1])
+        rows = np.concatenate(changed)
+    return is_best
 
 
 def _ordered(count: int, first: int, is_backward: bool) -> Int[np.ndarray, " {count}"]:

@@ -32,6 +32,7 @@ def near_edges(
     found: list[np.ndarray] = []
     while not found or done[1] < m:
         call("near_segments", m, starts, ends, distance, int(done[1]), len(near), seconds_left(), near, done)
-        pairs = near[: done[0]]
-        found.append(pairs[wanted(*pairs.T)])
+        for first in range(0, max(int(done[0]), 1), AT_ONCE):
+            pairs = near[first : min(first + AT_ONCE, int(done[0]))]
+            found.append(pairs[wanted(*pairs.T)])
     return np.concatenate(found)

@@ -530,6 +530,27 @@ def test_of_many_loops_only_counts_and_exceptions_are_listed(
     assert len(listed) == (loops if loops <= 20 else 0)
 
 
+def test_of_many_loops_warnings_that_differ_by_numbers_are_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    vertices, faces = tube()
+    faces[0] = faces[0, ::-1]  # at one end
+    tubes = np.concatenate([vertices + np.array([10 * k, 0, 0]) for k in range(12)])
+    lone = np.array([[0, 50, 0], [1, 50, 0], [0, 51, 0]])
+    many = np.concatenate([tubes, *(lone + np.array([5 * k, 0, 0]) for k in range(2))])
+    triangles = [faces + k * len(vertices) for k in range(12)] + [np.arange(6).reshape(2, 3) + len(tubes)]
+    mesh, report = write_obj(tmp_path / "tubes.obj", many, np.concatenate(triangles)), tmp_path / "report.json"
+    assert main(["fill", str(mesh), "-o", str(tmp_path / "filled.obj"), "--report", str(report)]) == 1
+    flipped, outline, counts = capsys.readouterr().err.splitlines()
+    assert "opposite orientation" in flipped
+    assert re.search(r"; likewise 11 other loops: \d+, \d+, \d+, \d+, \d+, \.\.\. \(--report lists all\)$", flipped)
+    assert outline.startswith("spinor-geom: loop 24 (3 vertices) was left open: the loop is the outline")
+    assert outline.endswith("; likewise 1 other loop: 25")
+    assert "24 of 26 loops filled" in counts
+    notes = [note for loop in json.loads(report.read_text())["loops"] for note in loop["notes"]]
+    assert sum("opposite orientation" in note for note in notes) == 12
+
+
 def test_edit_opens_a_window_and_prints_what_was_saved(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -17,7 +17,7 @@ from spinor_geom.errors import (
     RepeatedPointError,
     SpinorGeomError,
 )
-from spinor_geom.mesh.boundary_loop import BoundaryLoop, centroids, detect_corners, diagonals, turning_angles
+from spinor_geom.mesh.boundary_loop import BoundaryLoop, centroids, detect_corners, diagonals, measure, turning_angles
 from spinor_geom.plateau.roughness import has_stray_corners
 from tests.strategies import RigidMotion, rigid_motions, rough_loops, smooth_loops
 
@@ -243,3 +243,17 @@ class TestCorners:
     def test_edge_of_length_zero_makes_no_corner(self) -> None:
         points = np.repeat(polygon_sides(SQUARE, 5), [2] + [1] * 19, axis=0)
         np.testing.assert_array_equal(np.flatnonzero(detect_corners(points)), [6, 11, 16])
+
+
+def test_measures_of_many_loops_are_those_of_each() -> None:
+    random = np.random.default_rng(2)
+    counts = (3, 5, 3, 12, 5)
+    loops = [BoundaryLoop.from_points(random.normal(size=(count, 3))) for count in counts]
+    loops.append(BoundaryLoop.from_points(np.outer(range(5), [1.0, 0, 0])))  # collinear
+    measure(loops)
+    for loop in loops:
+        alone = BoundaryLoop.from_points(loop.points)
+        for name in ("edge_lengths", "perimeter", "diagonal", "centroid", "elongation", "height"):
+            assert getattr(loop, name) == pytest.approx(getattr(alone, name), rel=1e-13), name
+        np.testing.assert_allclose(loop.plane.normal, alone.plane.normal, rtol=0, atol=1e-13)
+        assert not loop.edge_lengths.flags.writeable

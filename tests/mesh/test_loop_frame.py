@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.loop_frame import LoopFrame, first_point
+from spinor_geom.mesh.loop_frame import LoopFrame, first_point, first_points
 from tests.fill.copies import POLYGONS, motions
 
 
@@ -61,3 +61,20 @@ def test_sequences_decide_where_lengths_at_one_point_do_not() -> None:
     expected, backward = first_point(points)
     for k in range(len(points)):
         assert first_point(np.roll(points, k, axis=0)) == ((expected + k) % len(points), backward)
+
+
+def test_ties_of_many_polygons_are_broken_as_those_of_each() -> None:
+    random = np.random.default_rng(5)
+    # multiples of 1/2 give many equal lengths; some of the polygons are symmetric
+    many = random.integers(0, 3, (300, 6, 3)) / 2.0
+    many[::3, 3:] = -many[::3, :3]
+    beside = random.integers(0, 2, (300, 3)) * 1.0
+    first, is_backward = first_points(many, beside)
+    alone = [first_point(points, near) for points, near in zip(many, beside, strict=True)]
+    assert list(zip(first.tolist(), is_backward.tolist(), strict=True)) == alone
+
+
+def test_long_symmetric_polygons_have_a_first_point() -> None:
+    angle = 2 * np.pi * np.arange(20_000) / 20_000
+    circle = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    assert first_point(circle) == (0, False)

@@ -6,7 +6,7 @@ import pytest
 from spinor_geom.deadline import time_limit
 from spinor_geom.errors import OptionError, OutOfTimeError
 from spinor_geom.mesh.intersections import _segment_distances
-from spinor_geom.mesh.near_edges import near_edges
+from spinor_geom.mesh.near_edges import AT_ONCE, near_edges
 
 
 def segments(kind, rng, count=60):
@@ -49,3 +49,16 @@ def test_the_search_ends_at_the_time_limit():
     starts, ends = segments("a chain", np.random.default_rng(0), 2000)
     with time_limit(-1), pytest.raises(OutOfTimeError):
         near_edges(starts, ends, 0.0, np.less)
+
+
+def test_few_pairs_are_looked_at_together_even_of_many_segments():
+    angle = 2 * np.pi * np.arange(AT_ONCE + 5) / (AT_ONCE + 5)
+    points = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    counts = []
+
+    def wanted(i, j):
+        counts.append(len(i))
+        return j - i == AT_ONCE + 4
+
+    assert near_edges(points, np.roll(points, -1, axis=0), 0.0, wanted).tolist() == [[0, AT_ONCE + 4]]
+    assert max(counts) <= AT_ONCE < sum(counts)
