@@ -318,7 +318,7 @@ private:
                poor.radius > kLargestRadius * size_((1.0 / 3) * (point(v[0]) + point(v[1]) + point(v[2])));
     }
 
-    // Puts the corners of triangles that a move would flip or make thin back. Returns whether all others can move.
+    // Puts back the corners of triangles that a move would flip or make thin. Returns whether all others can move.
     bool hold_back(std::vector<Point>& moved) const {
         for (int round = 0; round < 10; ++round) {
             std::vector<int> back;

@@ -208,8 +208,8 @@ ENTRY_POINT int faces_in_box(
     });
 }
 
-// Pairs of one of `count` triangles and one of `other_count` others, or of two of the first ones if `other_count` is -1, that
-// are not clearly separated. `separation` is a volume per cubed extent of a pair. `pairs` is filled with those of triangle
+// Pairs of triangles that are not clearly separated: one of `count` and one of `other_count` others, or two of the first
+// ones if `other_count` is -1. `separation` is a volume per cubed extent of a pair. `pairs` is filled with those of triangle
 // first, first + 1, ..., as far as all pairs of the last one fit. Its length is `room`, at least the number of partners.
 // `done` becomes the number of pairs and the next `first`.
 ENTRY_POINT int near_faces(

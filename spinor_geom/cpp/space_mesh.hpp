@@ -331,8 +331,8 @@ private:
         return found;
     }
 
-    // An edge between two kept vertices with a small angle at one of them. Not one opposite to a small angle: halving it
-    // would halve this angle.
+    // An edge between two kept vertices with a small angle at one of them. Edges opposite to a small angle do not
+    // count, because halving them would halve this angle.
     bool is_thin_chord(int t, int k) const {
         if (vertex(t, k) >= fixed_ || vertex(t, k + 1) >= fixed_) return false;
         double beside = kPi, opposite = kPi;

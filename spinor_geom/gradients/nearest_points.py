@@ -34,7 +34,7 @@ def nearest(solution: PlateauSolution, places: Float[np.ndarray, "k 3"]) -> Comp
     goals = np.repeat(places, _STARTS, axis=0)
     z, offset, tangential = _minima(solution, samples.points[start.ravel()], goals)
     distance = norm(offset)
-    is_minimum = (tangential <= _PRECISE * (_size(solution) + distance)) & solution.domain.contains(z)
+    is_minimum = (tangential <= _PRECISE * (solution.diagonal + distance)) & solution.domain.contains(z)
     distance, is_minimum = distance.reshape(-1, _STARTS), is_minimum.reshape(-1, _STARTS)
     best = np.where(is_minimum, distance, np.inf).argmin(axis=1)
     is_found, error = is_minimum.any(axis=1), solution.boundary_residual.max
@@ -50,10 +50,6 @@ def nearest(solution: PlateauSolution, places: Float[np.ndarray, "k 3"]) -> Comp
     return np.asarray(z.reshape(-1, _STARTS)[np.arange(len(places)), best])
 
 
-def _size(solution: PlateauSolution) -> float:
-    return max(rim.loop.diagonal for rim in solution.rims)
-
-
 def _minima(
     solution: PlateauSolution, z: Complex[np.ndarray, " n"], goals: Float[np.ndarray, "n 3"]
 ) -> tuple[Complex[np.ndarray, " n"], Float[np.ndarray, "n 3"], Float[np.ndarray, " n"]]:
@@ -62,7 +58,7 @@ def _minima(
     A step of Newton's method is halved until it stays in Ω and decreases the distance. Where the squared distance is
     not convex, the step divides by the absolute value of its curvature.
     """
-    surface, domain, size = solution.array_surface, solution.domain, _size(solution)
+    surface, domain, size = solution.array_surface, solution.domain, solution.diagonal
     z, offset = z.copy(), surface.position(z) - goals
     tangential = np.full(len(z), np.inf)
     left = np.arange(len(z))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import TypeAlias
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -14,11 +14,13 @@ from scipy.spatial.distance import cdist
 
 from spinor_geom.errors import OptionError
 from spinor_geom.membrane.cables import Cable, CableEdge, FixedEdge, Ring, Stay, SymmetryPlane
+from spinor_geom.mesh.boundary_loop import diagonals
 from spinor_geom.mesh.curve import ClosedCurve
 from spinor_geom.mesh.open_curve import OpenCurve
 from spinor_geom.plateau.mirrored import MirrorPlanes
 
 Edge: TypeAlias = Cable | Ring | SymmetryPlane | OpenCurve | ArrayLike
+E = TypeVar("E", bound=Cable | Ring | OpenCurve)
 
 _MEETING = 1e-9  # distance of ends that are one point, relative to the size
 _ENDS = np.array([0.0, 1.0])
@@ -46,8 +48,7 @@ def with_images(edges: Sequence[Edge]) -> list[tuple[int, Cable | Ring | OpenCur
                 continue
             if isinstance(own, Ring) and own.force is not None and normal[2]:
                 raise OptionError(f"edge {number}: a ring with a force is reflected in vertical planes only")
-            moved = {"start": image[0], "end": image[1]} if isinstance(own, Cable) else {"points": image}
-            found.append((number, replace(own, **moved)))
+            found.append((number, _moved(own, image)))
     return found
 
 
@@ -87,33 +88,24 @@ class Frame:
             ((k, one) for k, one in given if not isinstance(one, Ring | Stay)),
             key=lambda one: sorted(_points(one[1])[[0, -1]].tolist()),
         )
-        loops = [_points(one) for _, one in rings]
-        ends = np.array([_points(one)[[0, -1]] for _, one in sides])
-        ends = ends.reshape(-1, 2, 3)
-        if len(ends) == 1 or not len(given):
+        if len(sides) == 1 or not given:
             raise OptionError("a membrane needs two edges or more, or rings")
         if not sides and all(ring.force is not None for _, ring in rings):
             raise OptionError("all rings have a force, and nothing holds the film; leave out the force of one ring")
-        size = float(np.linalg.norm(np.ptp(np.concatenate([ends.reshape(-1, 3), *loops]), axis=0)))
-        order, backward = _chain(ends, [k for k, _ in sides], _MEETING * size)
-        parts: list[CableEdge | FixedEdge] = []
-        for k, back in zip(order, backward, strict=True):
-            one = sides[k][1]
-            if isinstance(one, Cable):
-                parts.append(CableEdge(replace(one, start=one.end, end=one.start) if back else one))
-            else:
-                parts.append(FixedEdge(replace(one, points=one.points[::-1]) if back else one))
-        nodes = [ends[k, int(back)] for k, back in zip(order, backward, strict=True)]
+        corners = [_points(one)[[0, -1]] for _, one in sides]
+        size = float(diagonals(np.concatenate([*corners, *(_points(one) for _, one in rings)])))
+        sides = _chained(sides, _MEETING * size)
+        nodes = [_points(one)[0] for _, one in sides]
         at = []
         for point in (point for _, stay in stays for point in stay.ends):
             near = [k for k, node in enumerate(nodes) if np.linalg.norm(node - point) <= _MEETING * size]
             at.append(near[0] if near else len(nodes))
             nodes += [] if near else [point]
         frame = cls(
-            edges=tuple(parts),
+            edges=tuple(CableEdge(one) if isinstance(one, Cable) else FixedEdge(one) for _, one in sides),
             stays=tuple(CableEdge(stay) for _, stay in stays),
             rings=tuple(ring for _, ring in rings),
-            numbers=(*(sides[k][0] for k in order), *(k for k, _ in stays), *(k for k, _ in rings)),
+            numbers=tuple(k for k, _ in (*sides, *stays, *rings)),
             nodes=np.array(nodes).reshape(-1, 3),
             stay_ends=np.array(at, dtype=int).reshape(-1, 2),
             size=size,
@@ -290,33 +282,34 @@ class Frame:
         return [*rings, curve]
 
 
-def _chain(ends: Float[np.ndarray, "n 2 3"], numbers: Sequence[int], tolerance: float) -> tuple[list[int], list[bool]]:
-    """Edges in order around the frame, from the first one in its direction, and whether each is passed backwards."""
-    order, backward, left = [0][: len(ends)], [False][: len(ends)], set(range(1, len(ends)))
+def _chained(sides: Sequence[tuple[int, E]], tolerance: float) -> list[tuple[int, E]]:
+    """Numbered edges in order around the frame, in the direction of the first one."""
+    chain, left = list(sides[:1]), list(sides[1:])
     while left:
-        rest = np.array(sorted(left))
-        gaps = np.linalg.norm(ends[rest] - ends[order[-1], 1 - backward[-1]], axis=2)
-        at, side = np.unravel_index(gaps.argmin(), gaps.shape)
-        _require_met(float(gaps.min()), tolerance, numbers[order[-1]], numbers[int(rest[at])])
-        order.append(int(rest[at]))
-        backward.append(bool(side))
-        left.remove(order[-1])
-    if order:
-        gap = np.linalg.norm(ends[order[-1], 1 - backward[-1]] - ends[0, int(backward[0])])
-        _require_met(float(gap), tolerance, numbers[order[-1]], numbers[0])
-    return order, backward
+        ends = np.array([_points(one)[[0, -1]] for _, one in left])
+        gaps = np.linalg.norm(ends - _points(chain[-1][1])[-1], axis=2)
+        at, is_backward = np.unravel_index(gaps.argmin(), gaps.shape)
+        number, own = left.pop(int(at))
+        chain.append((number, _moved(own, _points(own)[::-1]) if is_backward else own))
+    for (first, one), (second, other) in zip(chain, [*chain[1:], *chain[:1]], strict=True):
+        gap = float(np.linalg.norm(_points(other)[0] - _points(one)[-1]))
+        if gap > tolerance:
+            raise OptionError(
+                f"edge {first} ends {gap:.3g} away from the nearest end of another, edge {second}; join them"
+            )
+    return chain
 
 
 def _points(edge: Cable | Ring | OpenCurve) -> Float[np.ndarray, "m 3"]:
     return edge.ends if isinstance(edge, Cable) else np.asarray(edge.points, dtype=np.float64)
 
 
+def _moved(edge: E, points: Float[np.ndarray, "m 3"]) -> E:
+    """An edge with other points."""
+    return replace(edge, **({"start": points[0], "end": points[-1]} if isinstance(edge, Cable) else {"points": points}))
+
+
 def _is_same(points: Float[np.ndarray, "m 3"], others: Float[np.ndarray, "n 3"]) -> bool:
     """Whether two edges have the same points, in any order."""
     nearest = cdist(points, others).min(axis=0).max() if len(points) == len(others) else np.inf
     return bool(nearest <= _MEETING * np.ptp(points, axis=0).max())
-
-
-def _require_met(gap: float, tolerance: float, first: int, second: int) -> None:
-    if gap > tolerance:
-        raise OptionError(f"edge {first} ends {gap:.3g} away from the nearest end of another, edge {second}; join them")

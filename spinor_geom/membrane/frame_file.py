@@ -18,7 +18,7 @@ from spinor_geom.mesh.open_curve import OpenCurve
 _LARGEST = 1e100  # number: squares and cubes of larger ones overflow
 
 # of each kind: the edge as a function of its points and other keys, the number of points (0 for any), the other keys
-_KINDS: dict[str, tuple[Callable[..., Any], int, set[str]]] = {
+_KINDS: dict[str, tuple[Callable[..., Edge], int, set[str]]] = {
     "cable": (lambda points, **rest: Cable(start=points[0], end=points[1], **rest), 2, {"tension", "length"}),
     "stay": (lambda points, **rest: Stay(start=points[0], end=points[1], **rest), 2, {"tension", "length"}),
     "fixed": (lambda points: OpenCurve(points, corners=()), 0, set()),
@@ -67,8 +67,7 @@ def _parsed(given: Any) -> Edge:
     if not is_list or not all(isinstance(row, list) and len(row) == 3 and all(map(_is_number, row)) for row in rows):
         what = "a point and a normal" if kind == "symmetric" else "two points" if count else "two points or more"
         raise OptionError(f"{kind!r} must be {what}, each a list of three numbers of at most {_LARGEST:g}")
-    edge: Edge = make(np.array(rows, dtype=np.float64), **rest)
-    return edge
+    return make(np.array(rows, dtype=np.float64), **rest)
 
 
 def _is_number(value: Any) -> bool:

@@ -321,10 +321,9 @@ class _State:
 
     def is_balanced(self, tensions: Float[np.ndarray, " t"]) -> bool:
         """Whether the forces at free nodes and rings balance."""
-        frame, gradient = self.frame, self.gradient(tensions)
-        free = np.append(frame.is_free, np.zeros(frame.count - len(frame.nodes), dtype=bool))
-        free[frame.ring_controls] = [ring.force is not None for ring in frame.rings]
-        left = np.abs(gradient.ravel()[np.intersect1d(frame.unknowns, 3 * np.flatnonzero(free)[:, None] + _XYZ)])
+        frame, unknowns = self.frame, self.frame.unknowns
+        is_point = np.isin(unknowns // 3, [*range(len(frame.nodes)), *frame.ring_controls.tolist()])
+        left = np.abs(self.gradient(tensions).ravel()[unknowns[is_point]])
         return bool(left.max(initial=0.0) <= _BALANCED * max([frame.size, *tensions.tolist()]))
 
     def step(self, tensions: Float[np.ndarray, " t"]) -> tuple[Float[np.ndarray, "c 3"], Float[np.ndarray, " t"], bool]:

@@ -191,7 +191,7 @@ class NurbsSurface:
 def nurbs_surface(solution: PlateauSolution, tolerance: float) -> NurbsSurface:
     """See `PlateauSolution.to_nurbs`."""
     require_positive("tolerance", tolerance)
-    diagonal = max(rim.loop.diagonal for rim in solution.rims)
+    diagonal = solution.diagonal
     if solution.route == "plane":
         return _plane(solution, tolerance, diagonal)
     given, solution = solution, _within(solution, tolerance * diagonal)
@@ -293,7 +293,7 @@ def _fitted(solution: PlateauSolution, rims: tuple[Rim, ...], tolerance: float) 
     patch = OnePatch.of(solution.array_surface, rims)
     if patch is None:
         return _patches(solution, rims, tolerance)
-    allowed = tolerance * max(rim.loop.diagonal for rim in solution.rims)
+    allowed = tolerance * solution.diagonal
     fit = fitted(patch.mesh, patch.on, allowed)
     for side in np.flatnonzero(patch.collapsed).tolist():
         row = fit.nets[0][on_side(side)]
@@ -315,8 +315,7 @@ def _patches(solution: PlateauSolution, rims: tuple[Rim, ...], tolerance: float)
     blocks = Blocks.of(solution.domain, rims)
     samples = Samples(surface=solution.array_surface, rims=rims, blocks=blocks, accuracy=_OF_TOLERANCE * tolerance)
     mesh = QuadMesh(quads=blocks.quads, rims=_rims(blocks.sizes))
-    diagonal = max(rim.loop.diagonal for rim in solution.rims)
-    return mesh, fitted(mesh, samples.on, tolerance * diagonal), samples.on
+    return mesh, fitted(mesh, samples.on, tolerance * solution.diagonal), samples.on
 
 
 def _rims(sizes: Sequence[int]) -> tuple[tuple[tuple[int, int], ...], ...]:

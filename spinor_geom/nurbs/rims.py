@@ -54,7 +54,7 @@ class Rim:
     def all_of(cls, solution: PlateauSolution) -> tuple[Rim, ...]:
         """The rims of a solution, in order."""
         surface, domain = solution.array_surface, solution.domain
-        share = solution.boundary_residual.max / max(match.loop.diagonal for match in solution.rims)
+        share = solution.boundary_residual.max / solution.diagonal
         accuracy = float(np.clip(_OF_RESIDUAL * share, *_ACCURACY))
         primitives = [_primitive(surface, boundary, accuracy) for boundary in domain.boundaries]
         is_inner = domain.root >= domain.triangulation.boundary_size

@@ -143,7 +143,7 @@ def open_curves(what: Any) -> list[OpenCurve]:
 
 
 def solve_mirrored(
-    curves: Sequence[OpenCurve], planes: MirrorPlanes, tolerance: float, solve: Callable[..., Any]
+    curves: Sequence[OpenCurve], planes: MirrorPlanes, solve: Callable[..., Any], tolerance: float
 ) -> PlateauSolution | NoConnectedSurface:
     """The part on one side of the planes of the film over curves and their reflections; see `solve_plateau`."""
     if not curves:
@@ -160,18 +160,7 @@ def solve_mirrored(
     if isinstance(whole, NoConnectedSurface):
         return whole
     part = _Part(whole=whole, arcs=arcs, planes=planes).solution
-    return replace(part, solved_to=partial(_solved_to, curves, planes, solve))
-
-
-def _solved_to(
-    curves: Sequence[OpenCurve], planes: MirrorPlanes, solve: Callable[..., Any], tolerance: float
-) -> PlateauSolution | NoConnectedSurface:
-    return solve_mirrored(curves, planes, tolerance, solve)
-
-
-def _itself(surface: ArraySurface) -> ArraySurface:
-    """The surface. A function of the module, so that solutions can be pickled."""
-    return surface
+    return replace(part, solved_to=partial(solve_mirrored, curves, planes, solve))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -319,7 +308,7 @@ class _Part:
         loop = BoundaryLoop.from_points(values[0, at_loop], corners=np.flatnonzero(corners[at_loop]))
         pairs = [(side.pairs + start) / starts[-1] for side, start in zip(sides, starts, strict=False)]
         root = domain.triangulation.points[domain.root : domain.root + 1]
-        own = ArraySurface(surface.model, domain, surface.position(root)[0], spinor_map=surface.spinor_map)
+        make = partial(ArraySurface, surface.model, domain, surface.position(root)[0], spinor_map=surface.spinor_map)
         ends = (starts / starts[-1]).tolist()
         return replace(
             whole,
@@ -328,7 +317,7 @@ class _Part:
             boundary_residual=replace(whole.boundary_residual, diagonal=loop.diagonal),
             area=whole.area / 2 ** len(self.planes.normals),
             route="mirrored",
-            evidence=_PartEvidence(make=partial(_itself, own), whole=whole.evidence),
+            evidence=_PartEvidence(make=make, whole=whole.evidence),
             annulus=None,
             free_edges=tuple(span for span, side in zip(pairwise(ends), sides, strict=True) if side.is_free),
         )

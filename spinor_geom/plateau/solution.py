@@ -177,6 +177,11 @@ class PlateauSolution(Shown):
         return self._rim.matching
 
     @property
+    def diagonal(self) -> float:
+        """The diagonal of the bounding box of the largest loop, in mesh units."""
+        return max(rim.loop.diagonal for rim in self.rims)
+
+    @property
     def _rim(self) -> RimMatch:
         if len(self.rims) > 1:
             raise SeveralRimsError(rims=len(self.rims))

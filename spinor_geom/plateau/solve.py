@@ -170,7 +170,6 @@ def solve_plateau(
         return solve_mirrored(
             open_curves(loop),
             MirrorPlanes.of(mirror),
-            tolerance,
             partial(
                 solve_plateau,
                 model=model,
@@ -183,6 +182,7 @@ def solve_plateau(
                 device=device,
                 on_iteration=on_iteration,
             ),
+            tolerance,
         )
     options = Options(
         model=model,

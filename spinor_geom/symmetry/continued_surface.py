@@ -114,7 +114,7 @@ class ContinuedSurface:
             for rim in piece.rims:
                 own_rim = [(first + patch, number[side]) for patch, side in rim]
                 rims.append(own_rim[::-1] if is_odd else own_rim)
-        _share_points(patches, [side for rim in rims for side in rim], _SAME * self._size)
+        _share_points(patches, [side for rim in rims for side in rim], _SAME * self.solution.diagonal)
         joined = _joined_sides(patches, [side for rim in rims for side in rim])
         angle = largest_angle(patches, joined, [(_ALONG, _ALONG)] * len(patches))
         return replace(
@@ -137,7 +137,7 @@ class ContinuedSurface:
             for number, is_odd in enumerate(self.copies.odd.tolist())
         ]
         apart = TriangleMesh(self.copies.points(vertices).reshape(-1, 3), np.concatenate(copied))
-        edges = HalfEdges.of(apart.merged(_SAME * self._size)[0].faces)
+        edges = HalfEdges.of(apart.merged(_SAME * self.solution.diagonal)[0].faces)
         if (edges.counts > 2).any() or (edges.origin == edges.origin[edges.twin])[edges.twin >= 0].any():
             raise SurfaceError("copies overlap, or the continued surface is one-sided; continue it across fewer sides")
         # where copies touch at a point only, each has a vertex of its own there
@@ -148,15 +148,11 @@ class ContinuedSurface:
         mesh = TriangleMesh(apart.vertices[own], corner.reshape(-1, 3))
         return mesh, self.copies.normals(normals).reshape(-1, 3)[own]
 
-    @property
-    def _size(self) -> float:
-        return max(rim.loop.diagonal for rim in self.solution.rims)
-
     def _on_sides(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
         """Points near the line or the plane of a side are moved onto it, so that they coincide with their images."""
         for k in range(len(self.sides)):
             middle = (points + self.sides[k : k + 1].points(points)[0]) / 2
-            near = np.linalg.norm(points - middle, axis=1) < 10 * _SAME * self._size
+            near = np.linalg.norm(points - middle, axis=1) < 10 * _SAME * self.solution.diagonal
             points = np.where(near[:, None], middle, points)
         return points
 
@@ -166,7 +162,7 @@ def continued(solution: PlateauSolution, copies: Copies) -> ContinuedSurface:
     if copies != "cell":
         require_count(0, copies=copies)
     sides = side_symmetries(solution)
-    size = max(rim.loop.diagonal for rim in solution.rims)
+    size = solution.diagonal
     points, lengths = [], []
     for rim in solution.rims:
         steps = np.diff(rim.curve.breaks)[:, None]

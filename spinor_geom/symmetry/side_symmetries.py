@@ -68,7 +68,7 @@ def side_symmetries(solution: PlateauSolution) -> Isometries:
     the continuation is then branched there.
     """
     found: list[tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]] = []
-    size = max(rim.loop.diagonal for rim in solution.rims)
+    size = solution.diagonal
     for rim in solution.rims:
         ends = rim.curve.breaks[:-1][rim.curve.corners]
         starts = ends if len(ends) else np.zeros(1)

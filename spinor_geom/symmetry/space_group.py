@@ -18,7 +18,7 @@ def within_steps(sides: Isometries, points: Float[np.ndarray, "n 3"], size: floa
     """The copies that are reached from the piece across at most `steps` sides, each once."""
     found = newest = _identity()
     for _ in range(steps):
-        found, before = _distinct(_joined([found, newest.composed(sides)]), points, size, np.zeros((0, 3))), len(found)
+        found, before = _distinct(_joined([found, newest.composed(sides)]), points, size), len(found)
         newest = found[before:]
     return found
 
@@ -72,18 +72,16 @@ def _first_alike(rows: Float[np.ndarray, "k c"]) -> np.ndarray:
     return np.flatnonzero(alike.argmax(axis=1) == np.arange(len(rows)))
 
 
-def _distinct(
-    g: Isometries, points: Float[np.ndarray, "n 3"], size: float, lattice: Float[np.ndarray, "rank 3"]
-) -> Isometries:
-    """One isometry for each different image of the piece, modulo a lattice.
+def _distinct(g: Isometries, points: Float[np.ndarray, "n 3"], size: float) -> Isometries:
+    """One isometry for each different image of the piece.
 
     Images are equal if their centres and the sets of their corners are. `points` are the centre of the rims, and the
     corners.
     """
-    images = g.points(points)
+    images, no_lattice = g.points(points), np.zeros((0, 3))
     kept: list[int] = []
     for k in range(len(g)):
-        if not len(_alike(images[k], images[kept], size, lattice)):
+        if not len(_alike(images[k], images[kept], size, no_lattice)):
             kept.append(k)
     return g[np.array(kept)]
 
