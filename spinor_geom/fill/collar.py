@@ -141,8 +141,8 @@ def _shortened(
     Otherwise a vertex of the rim would have a large part of a long face for its area, and a kink there a small H.
 
     Returns:
-        The faces, and for each of their vertices, the rim's first, the ends of the edge that it lies on, and its place
-        there, from 0 to 1.
+        The faces. For each of their vertices, the rim's first, the ends of the edge that it lies on. The places of the
+        vertices on these edges, from 0 to 1.
     """
     m = patch.boundary_size
     after = rim_successors(patch.rims)

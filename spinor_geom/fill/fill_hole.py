@@ -106,8 +106,8 @@ def fill_hole(
     Args:
         mesh: a path, a (vertices, faces) pair of arrays or tensors, or any mesh type that has an adapter.
         loop: which holes: "all", an index of `boundary_loops(mesh)`, several indices, or one of those loops.
-        bridge: two or more indices. Joins these loops by one minimal surface, and fills only those others that `loop`
-            names. Or several such groups: `[(0, 1), (2, 3)]`.
+        bridge: two or more indices of loops to be joined by one minimal surface, or several such groups, as in
+            `[(0, 1), (2, 3)]`. Of the other loops only those that `loop` names are filled.
         islands: "join" joins a hole and the loose pieces in it by one surface, "ignore" fills them separately. The
             report lists the loose pieces in each hole.
         continuity: "C0" or "film" for the minimal surface over each rim. "C1" or "smooth" for a patch that continues
@@ -121,8 +121,8 @@ def fill_hole(
             The result is the merged mesh with the patches. Not available for trimesh's scenes.
         keep_largest: leaves the loop of longest perimeter open, such as the outer border of a scan.
         max_perimeter: leaves loops longer than this open, in mesh units.
-        target_edge_length: of the patches, in mesh units. "auto" takes each loop's mean edge length. Edges
-            of smooth continuations then grow inwards.
+        target_edge_length: of the patches, in mesh units. "auto" is the mean edge length of each loop. Edges of smooth
+            continuations then grow inwards.
         model: the holomorphic model, as `solve_plateau` takes it.
         tolerance: root mean square distance between a patch's boundary and the curve through its loop, in mean edges of
             the loop. A patch that exceeds it is kept and reported as not converged. The same applies if the distance in

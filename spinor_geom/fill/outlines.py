@@ -14,12 +14,12 @@ from spinor_geom.fill.patched_mesh import PatchedMesh
 from spinor_geom.mesh.operators import face_normals
 from spinor_geom.mesh.topology import HalfEdges, disks
 
-# Successive triangulations of an outline without fewer intersections, after which it is left. 43 patches over rims of
-# scans and noisy bowls keep 4,138 pairs of faces with 3, 4,114 with 5 and 4,107 with 6, which takes a ninth longer.
+# An outline is left after this number of triangulations without fewer intersections. 43 patches over rims of scans and
+# noisy bowls keep 4,138 pairs of faces with 3, and 4,114 with 5. With 6 they keep 4,107 and take a ninth longer.
 # With 3, one of 60 noisy bowls that can be filled without intersections keeps some.
 _PATIENCE = 5
 # Intersections per face from which one such triangulation is enough: the patch lies along the mesh there. The patches
-# keep 4,163 pairs with 1, 4,114 with 3, and 4,111 without a limit, which takes a seventh longer.
+# keep 4,163 pairs with 1, and 4,114 with 3. Without a limit they keep 4,111 and take a seventh longer.
 _MANY = 3
 
 

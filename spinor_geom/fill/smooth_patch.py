@@ -53,9 +53,10 @@ def smooth_patch(
 ) -> NewPatch:
     """The continuation of a mesh by a patch, without intersections that can be avoided.
 
-    The continuation is good if it has converged without folds, has no intersections, angles of at least 10° except
-    between edges of the rim, few replaced faces, and not far more area than a spherical cap. If it is not good, and the
-    film has more intersections, it is kept as a discrete patch without the measures of a continuation, with the reason.
+    The continuation is good if it has converged without folds, and has no intersections, few replaced faces, and
+    not far more area than a spherical cap. Its angles must be at least 10°, except between edges of the rim. If it is
+    not good but the film has more intersections, it is kept as a discrete patch, without the measures of a continuation
+    and with the reason.
     A patch with intersections and another defect is never kept. With `is_choice` the film is taken where it meets the
     mesh at more than 65° (RMS), unless it intersects something.
 

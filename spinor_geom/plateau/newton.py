@@ -18,8 +18,8 @@ _REMEMBERED = 6
 # errors. With the root of `ROUNDING` rough curves take 4 % more steps.
 SMALL = 1e-6
 ROUNDING = 1e-13  # relative rounding error of gradients and energies. With 3e-15 series take more steps
-# Factor by which damping changes (with 2 smooth loops take a third more steps, with 8 hardly fewer), and its least
-# value above 0 (with 0.1 narrow loops take a quarter more steps, with 1e-6 smooth ones 6 %).
+# Factor by which damping changes: with 2 smooth loops take a third more steps, and with 8 hardly fewer. Least value of
+# damping above 0: with 0.1 narrow loops take a quarter more steps, and with 1e-6 smooth ones 6 % more.
 _MORE_DAMPING, _LEAST_DAMPING = 4.0, 1e-3
 
 E = TypeVar("E", bound="Energies")

@@ -8,8 +8,8 @@ from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.interpolation import missed
 
 # A loop is rough if cubics through four neighbours miss its points by more than this share of an edge, as with noise of
-# 0.04 edges, and by hardly less than lines through two neighbours do. Of 2,400 smooth curves of 32 to 96 points with
-# uneven spacing 19 are rough, all of at most 48 points.
+# 0.04 edges. They must also miss them by hardly less than lines through two neighbours do. Of 2,400 smooth curves of
+# 32 to 96 points with uneven spacing 19 are rough, all of at most 48 points.
 _MISSED, _HARDLY_LESS = 0.05, 0.75
 # Above this share of an edge no smooth curve was met over 14 rims of meshes that have no surface through their points.
 _RAGGED = 0.5

@@ -224,8 +224,8 @@ class PlateauSolution(Shown):
     def to_nurbs(self, *, tolerance: float = 1e-6, time_limit: float = math.inf) -> NurbsSurface:
         """The surface as B-spline patches for CAD, within a tolerance.
 
-        Ω is divided into quadrilaterals: 5 for a disk over a smooth curve, up to 30 for strongly folded and elongated
-        ones, more for curves with many corners, and three for every two points of a ragged rim, or five for long ones.
+        Ω is divided into quadrilaterals: 5 for a disk over a smooth curve, up to 30 for a strongly folded and elongated
+        one, and more for curves with many corners. Every two points of a ragged rim take three, or five on long rims.
         On each the surface is interpolated by splines, in the parameter of Γ along the rims. The outer sides are Γ
         itself: within the patches at the rims the surface is moved by its boundary residual. If this residual is above
         the tolerance, the problem is solved again with a smaller tolerance.

@@ -25,8 +25,8 @@ from spinor_geom.symmetry.space_group import periodic_cell, within_steps
 _CENTRE_SAMPLES = 32  # points of each piece of Γ for the centre of the rims
 _SAME = 1e-7  # points up to this share of the size of the piece apart are one
 _ALONG = np.linspace(0.05, 0.95, 10)  # parameters on sides where normals are compared
-# For copies that overlap: points deep inside the piece, edges of a mesh along it, Newton's steps to the points of the
-# piece nearest to images of the former, and their distance up to which an image is on the piece.
+# Copies overlap if images of points deep inside the piece lie on it. Number of these points, edges of a mesh along the
+# piece, Newton's steps to the point of the piece nearest to an image, and its distance up to which the image is on it.
 _PROBES, _FINE, _NEWTON, _ON_PIECE = 8, 20, 6, 1e-4
 _TRANSPOSED = (3, 2, 1, 0)  # the number of each side after u and v are exchanged
 

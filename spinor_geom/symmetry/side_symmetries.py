@@ -18,8 +18,8 @@ from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.surface.array_surface import ArraySurface
 
 _SAMPLES = 65  # of a side
-# Largest distance of a side from its line or plane in diagonals, angle of the surface from the right angle to a plane,
-# and difference of π divided by the angle of a corner from an integer.
+# Largest deviations: the distance of a side from its line or plane, in diagonals. The angle between the normal of the
+# surface and the plane of a side. π over the angle of a corner from an integer, relative to this integer.
 _AWAY, _ASKEW, _INTEGER = 1e-7, 1e-3, 1e-4
 
 

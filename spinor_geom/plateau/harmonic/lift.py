@@ -3,7 +3,7 @@
 φ = 2∂X/∂z on ∂Ω follows from X and its conjugate. Its spinors p and q there are continued into Ω, as one power series
 per circle or by Cauchy's formula. Where X is not exactly conformal, φ is not exactly null and the surface of p and q
 differs from X. While its boundary is too far from Γ, Gauss-Newton steps in low powers of p and q remove the low
-frequencies of the error, and the remaining error is subtracted from X before the next lift. The smallest change of the
+frequencies of the error. The remaining error is subtracted from X before the next lift. The smallest change of the
 same powers makes Re ∮ φ dz = 0 around holes.
 """
 

@@ -17,7 +17,7 @@ from spinor_geom.domain.quadrature import rule
 from spinor_geom.holomorphic.cauchy import cauchy_units
 
 # Nodes on each edge for units with poles at least _FAR edge lengths from its middle. Periods around holes are then
-# exact to 1e-9. With 6 nodes to 1e-8, and with 4 three of sixty rims cut along triangles keep 1e-3 of an edge.
+# exact to 1e-9. With 6 nodes to 1e-8. With 4 nodes three of sixty rims cut along triangles keep 1e-3 of an edge.
 _FEW, _FAR = 7, 3.0
 # Rows of R that include units with distant poles: mean and slope. With one row two of these rims keep 1e-2 of an edge.
 _LONG_RANGE = 2

@@ -27,10 +27,10 @@ from spinor_geom.arrays import (
 )
 from spinor_geom.plateau.newton import MOST_STEPS
 
-# Damping, as a share of the mean of the Gram matrix's diagonal, as some equations may have no solution: for n paths
-# n times |D x|², D the differences along a rim, as for errors of the points between the paths, and |x|². Residuals, in
-# edges: with 4e-10, 5e-3 on one of sixty rims cut along triangles, and 5e-1 on teeth of 20°. With 1e-8 the solve takes
-# twice as long on 1,200 points with 30 % noise.
+# Damping, as a share of the mean of the Gram matrix's diagonal, because equations may have no solution. For n paths
+# it multiplies |x|² and n·|D x|², with the differences D along a rim, as for errors of points between the paths. With
+# 4e-10 the residual is 5e-3 edges on one of sixty rims cut along triangles, and 5e-1 on teeth of 20°. With 1e-8
+# solves take twice as long on 1,200 points with 30 % noise.
 _DAMPING = 1e-9
 # Up to _MANY paths factors in double precision are fast enough. In single precision the diagonal gets more, in these
 # steps until the matrix is definite, and solutions are corrected until the equations hold to _ACCURACY. Newton's method
