@@ -14,7 +14,7 @@ from spinor_geom.plateau.curve_tensors import CurveTensors
 from spinor_geom.plateau.rims.circles import Circles
 from spinor_geom.plateau.rims.cornered import CorneredSurface, CornerForm
 from spinor_geom.plateau.rims.cornered_newton import stationary
-from spinor_geom.plateau.rims.sides import CorneredRims
+from spinor_geom.plateau.rims.sides import ROUGH, CorneredRims
 from spinor_geom.plateau.steps import Steps
 from tests.plateau.rims import polygon, ring, sampled
 
@@ -44,6 +44,7 @@ def plane_roof():
         [curves[0].breaks[:-1][curves[0].corners], *(4 * [none])],
         [np.full(4, 0.5), *(4 * [none])],
         [0, 10, 10, 10, 10],
+        ROUGH,
     )
     circles = Circles(
         centres=np.array([0, 0.5 + 0.5j, -0.5 + 0.5j, -0.5 - 0.5j, 0.5 - 0.5j]),
@@ -54,8 +55,7 @@ def plane_roof():
 
 
 def test_area_of_a_plane_region():
-    found, index = stationary(plane_roof(), Steps(limit=100))
-    assert index == 0
+    found = stationary(plane_roof(), Steps(limit=100))
     assert found.energy == pytest.approx(400 - 25 * np.pi, rel=2e-7)
 
 
@@ -115,6 +115,24 @@ def test_lunes_with_narrow_gaps():
     assert solution.area == pytest.approx(AREA_OF_LUNES, rel=2e-5)
 
 
+@pytest.mark.slow
+def test_tetrahedron_with_narrow_gaps():
+    # with many modes from the start, Newton's method follows energies that are too low
+    vertices, loops = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) / 3**0.5, []
+    for k, opposite in enumerate(vertices):
+        corners = np.delete(vertices, k, axis=0)[:: (-1) ** k]
+        middles = corners + np.roll(corners, -1, axis=0)
+        middles /= np.linalg.norm(middles, axis=1)[:, None]
+        tips, middles = (
+            at / np.linalg.norm(at, axis=1)[:, None] for at in (corners - 0.07 * opposite, middles - 0.1 * opposite)
+        )
+        sides = map(_arc, tips, middles, np.roll(tips, -1, axis=0), [6, 6, 6])
+        loops.append(BoundaryLoop.from_points(np.concatenate(list(sides)), corners=[0, 6, 12]))
+    solution = solve_plateau(loops)
+    assert solution.converged
+    assert solution.boundary_residual.rms_per_edge < 2e-4
+
+
 def _at(degrees):
     return np.array([np.cos(np.radians(degrees)), np.sin(np.radians(degrees)), 0])
 
@@ -136,7 +154,7 @@ def test_the_angle_at_a_corner_is_corrected():
     solution = solve_plateau([polygon(SQUARE, 8), polygon(0.6 * SQUARE + [0, 0, 0.3], 8)])
     assert solution.boundary_residual.rms_per_edge < 1e-4
     # of the harmonic surface
-    assert solution.area == pytest.approx(3.1205514, rel=1e-7)
+    assert solution.area == pytest.approx(3.1205514, rel=1e-6)
 
 
 @pytest.mark.slow

@@ -327,11 +327,3 @@ class CorneredSurface:
                 sums += np.round(side.shares[0] + (sums - shares[0]).mean() - sums)
             slides[columns] = np.linalg.lstsq(modes, sums - side.base(side.shares), rcond=None)[0]
         return CorneredSurface(form=image, slides=slides)
-
-    @property
-    def is_free(self) -> Bool[np.ndarray, " k"]:
-        """Which unknowns vary: conformal maps of the unit disk fix the centre of the first hole and one argument."""
-        count, corners = len(self.slides), self.form.rims.corners
-        is_free = np.ones(count + corners + 3 * (len(self.form.circles.centres) - 1), dtype=bool)
-        is_free[[count, count + corners, count + corners + 1]] = False
-        return is_free

@@ -26,43 +26,43 @@ _LEAST_LENGTH = 1e-3  # of a step that lowers the energy
 _UNEVEN = 0.2
 
 
-def stationary(start: CorneredSurface, steps: Steps, negligible: float = _NEGLIGIBLE) -> tuple[CorneredSurface, int]:
-    """The critical point of the energy that damped Newton steps from a start lead to, and its Morse index.
+def stationary(start: CorneredSurface, steps: Steps, negligible: float = _NEGLIGIBLE) -> CorneredSurface:
+    """The critical point of the energy that damped Newton steps from a start lead to.
 
-    Negative curvature is reversed. Long steps are damped, and shortened until they lower the energy.
+    Negative curvature is reversed. Long steps are damped, and shortened until they lower the energy. Conformal maps of
+    the unit disk are free: modes represent some images of a surface better than others.
 
     Raises:
         OutOfTimeError: time ran out.
         UnresolvedRimsError: the steps do not converge.
     """
-    here, is_free, before = start, start.is_free, math.inf
+    here, before = start, math.inf
     for _ in range(_MOST_STEPS):
         require_time()
         if here.form.circles.unevenness(here.form.rims.rim_of_corner) > _UNEVEN:
             here = here.spread()
         gradient, hessian = here.derivatives()
-        gradient, hessian = gradient[is_free], hessian[np.ix_(is_free, is_free)]
         diagonal = np.abs(np.diag(hessian))
         unit = 1 / np.sqrt(np.maximum(diagonal, _FLAT * diagonal.max()))
         curvatures, vectors = np.linalg.eigh(unit[:, None] * hessian * unit)
-        sizes, pull, step = np.abs(curvatures), (unit * gradient) @ vectors, np.zeros(len(is_free))
+        sizes, pull = np.abs(curvatures), (unit * gradient) @ vectors
         damping = _FLAT * sizes.max()
         while True:
-            step[is_free] = -unit * (vectors @ (pull / (sizes + damping)))
+            step = -unit * (vectors @ (pull / (sizes + damping)))
             if max(_extents(here, step)) <= 1:
                 break
             damping *= _MORE_DAMPING
-        fall = -float(step[is_free] @ gradient)
+        fall = -float(step @ gradient)
         steps.take("Douglas-Newton", math.sqrt(abs(fall) / here.energy))
         is_slow, before = _SLOW * before < fall < _ENOUGH * here.energy, fall
         if fall < negligible * here.energy or is_slow:
-            return here, int(np.count_nonzero(curvatures < -_FLAT * sizes.max()))
+            return here
         there = _lower(here, step)
         if there is None:
             break
         here = there
     if fall < _ENOUGH * here.energy:
-        return here, int(np.count_nonzero(curvatures < -_FLAT * sizes.max()))
+        return here
     raise UnresolvedRimsError(rims=len(here.form.circles.centres), failure="does not converge")
 
 

@@ -33,7 +33,7 @@ from spinor_geom.plateau.rims.capacity_path import mean_modulus
 from spinor_geom.plateau.rims.circles import Circles
 from spinor_geom.plateau.rims.cornered import CorneredSurface, CornerForm
 from spinor_geom.plateau.rims.cornered_newton import ROUGHLY, stationary
-from spinor_geom.plateau.rims.sides import FINE, ROUGH, CorneredRims, Side
+from spinor_geom.plateau.rims.sides import COARSE, FINE, ROUGH, CorneredRims, Side
 from spinor_geom.plateau.rims.starts import OrientedSurface
 from spinor_geom.plateau.route_result import RimsResult, RouteResult
 from spinor_geom.surface.array_surface import PATH_ORDER
@@ -64,19 +64,20 @@ def solve_with_corners(problem: PlateauProblem, oriented: OrientedSurface) -> Ro
     """
     start = _Start.of(problem, oriented)
     with problem.clock.stage("slides"):
-        surface, _ = stationary(start.surface, problem.steps, ROUGHLY)
-        surface, _ = stationary(surface.refitted(start.exponents, ROUGH), problem.steps)
+        surface = stationary(start.surface, problem.steps, ROUGHLY)
+        surface = stationary(surface.refitted(start.exponents, COARSE), problem.steps, ROUGHLY)
         are_right = surface.are_conformal_at_corners()
         if not are_right.all():
             exponents = np.where(are_right, start.exponents, 2 - start.exponents)
-            other, _ = stationary(surface.refitted(exponents, ROUGH), problem.steps)
+            other = stationary(surface.refitted(exponents, COARSE), problem.steps, ROUGHLY)
             surface = min(surface, other, key=lambda one: one.energy)
+        surface = stationary(surface.refitted(surface.form.rims.exponents, ROUGH), problem.steps)
     best = _Lifted(problem=problem, curves=start.curves, surface=surface)
     if best.is_near(best.fitted):
         return best.result(oriented)
     with suppress(OutOfTimeError, SurfaceError):  # a finer surface that fails is not used
         with problem.clock.stage("slides"):
-            surface, _ = stationary(surface.refitted(surface.form.rims.exponents, FINE), problem.steps)
+            surface = stationary(surface.refitted(surface.form.rims.exponents, FINE), problem.steps)
         best = min(best, replace(best, surface=surface), key=lambda one: one.fitted.misfit.rms)
     return best.result(oriented)
 
