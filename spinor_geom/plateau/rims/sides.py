@@ -35,7 +35,7 @@ class Resolution(NamedTuple):
 
 # The start has few modes: with many, slides far from the solution find values that few poles take for less energy.
 # Afterwards, the boundary is within 2e-4 of a side at corners of 90°, and within 5e-6.
-COARSE, ROUGH, FINE = Resolution(16, 8, 6), Resolution(24, 10, 14), Resolution(36, 14, 16)
+COARSE, ROUGH, FINE = Resolution(16, 8, 6), Resolution(24, 10, 14), Resolution(36, 14, 20)
 
 _Shares: TypeAlias = Float[np.ndarray, "*n"]
 
