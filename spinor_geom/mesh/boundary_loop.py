@@ -268,9 +268,10 @@ def detect_corners(points: Float[np.ndarray, "m 3"]) -> Bool[np.ndarray, " m"]:
     """Mask of the points of a closed polygon that are corners of the sampled curve, (M,) bool.
 
     Corners of a smooth curve are isolated, but large turns of a noisy rim are adjacent. Point i is a corner if the
-    polygon turns there by θ_i ≥ 35°, and by at most θ_i/2 at the two points before and the two points after it, and the
-    points between the corners are predicted (see `have_predicted_sides`). If they are not, its neighbours turn by at
-    most θ_i/4, and half of all points by at most 35°/4.
+    polygon turns there by θ_i ≥ 35°, and by at most θ_i/4 at the two points before and the two points after it. θ_i/2
+    is enough where the turn next to the corner is at most twice the following one. The points between the corners must
+    be predicted (see `have_predicted_sides`), or half of all points turn by at most 35°/4 and all corners are of the
+    first kind.
 
     Let s be an edge's `graded_spacing`. The end of a longer edge is a corner if a smooth curve with that turning angle
     would leave the edge by more than about s/4.
@@ -287,9 +288,12 @@ def detect_corners(points: Float[np.ndarray, "m 3"]) -> Bool[np.ndarray, " m"]:
         at_start, at_end = ((length > spacing) & (length * angle > spacing) for angle in (turn, shifted(turn, -1)))
         corners = at_start | shifted(at_end, 1)
     beside = np.max([shifted(turn, step) for step in (-2, -1, 1, 2)], axis=0)
-    isolated = (turn >= MIN_CORNER_TURN) & (turn >= CONTRAST_OF_PREDICTED * beside)
+    sharp = (turn >= MIN_CORNER_TURN) & (turn >= CONTRAST * beside)
+    # at a sharp bend of a smooth curve the turns grow towards the bend
+    is_even = np.all([shifted(turn, k) <= 2 * shifted(turn, 2 * k) for k in (-1, 1)], axis=0)
+    isolated = sharp | ((turn >= MIN_CORNER_TURN) & (turn >= CONTRAST_OF_PREDICTED * beside) & is_even)
     if isolated.any() and not have_predicted_sides(points, corners | isolated):
-        isolated &= (turn >= CONTRAST * beside) & (median(turn) <= MIN_CORNER_TURN / CONTRAST)
+        isolated = sharp & (median(turn) <= MIN_CORNER_TURN / CONTRAST)
     corners |= isolated
     return corners
 

@@ -257,3 +257,16 @@ def test_measures_of_many_loops_are_those_of_each() -> None:
             assert getattr(loop, name) == pytest.approx(getattr(alone, name), rel=1e-13), name
         np.testing.assert_allclose(loop.plane.normal, alone.plane.normal, rtol=0, atol=1e-13)
         assert not loop.edge_lengths.flags.writeable
+
+
+@pytest.mark.parametrize(("width", "count"), [(0.15, 96), (0.2, 48), (0.25, 64)])
+def test_sharp_bends_of_smooth_curves_are_no_corners(width: float, count: int) -> None:
+    # equal arcs, a point at each tip, where the turns are 2, 2, 7, 22 and 50 degrees or the like
+    t = np.linspace(0, 2 * np.pi, 20001)
+    along = np.append(
+        0, np.cumsum(np.linalg.norm(np.diff([np.cos(t), width * np.sin(t), 0.2 * np.cos(2 * t)]), axis=0))
+    )
+    t = np.interp(np.arange(count) / count * along[-1], along, t)
+    points = np.column_stack([np.cos(t), width * np.sin(t), 0.2 * np.cos(2 * t)])
+    assert np.degrees(turning_angles(points)).max() > 35
+    assert not detect_corners(points).any()
