@@ -1,4 +1,4 @@
-"""Measures and writes the figures of `README.md`, `docs/benchmark.md` and this folder, in about 25 minutes.
+"""Measures and writes the figures of `README.md`, `docs/benchmark.md` and this folder, in about 40 minutes.
 
 `python benchmarks/publish.py RUN` measures into the folder RUN, where a stopped command continues. The records become
 the CSV files here and the tables and plots between the markers of the three pages.
@@ -8,25 +8,27 @@ import argparse
 import tempfile
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from statistics import median
 from typing import Any
 
-import numpy as np
 from PIL import Image
 
 from spinor_geom.bench.cases import KNOWN, REFERENCE_CASE, SAMPLED, known_kind
 from spinor_geom.bench.fillers import FILLERS, OURS, SMOOTH, SMOOTHEST
 from spinor_geom.bench.frames import FRAME_METHODS
 from spinor_geom.bench.machine import Record
-from spinor_geom.bench.measured import DISTANCE
+from spinor_geom.bench.measured import DISTANCE, REMOVED
 from spinor_geom.bench.plots import plots
 from spinor_geom.bench.promises import Promise, promises
 from spinor_geom.bench.run_tables import csv_text, filler_table, pieces_of, scale_of, summary_table
 from spinor_geom.bench.runner import PICTURED, SUITES, VIEWS, Run, Settings, measure
 from spinor_geom.files import atomic_path, together, write_text
 from spinor_geom.render.page import Table
+from spinor_geom.render.png import write_png
 from spinor_geom.render.portrait import Portrait
+from spinor_geom.render.scene import Faces, Scene
 
 ROOT = Path(__file__).parents[1]
 POINTS = 64  # of loops where one number is enough
@@ -262,24 +264,25 @@ def _numbers(records: Sequence[Record], name: str) -> str:
 
 def drawing(folders: Sequence[Path]) -> Image.Image:
     """A row for each cut-out: the removed piece and the patches, coloured by distance (yellow: far)."""
-    side, strips = 220, []
+    rows = [pieces_of(folder) for folder in folders]
+    columns = list(dict.fromkeys(name for pieces in rows for name in pieces))
+    size, strips = (220 * len(columns), 220), []
     with tempfile.TemporaryDirectory() as place:
-        for folder in folders:
-            pieces = pieces_of(folder)
-            scale = scale_of(pieces)
-            first, *others = (
-                Portrait.of_mesh(
-                    piece.vertices, piece.faces, {DISTANCE: np.clip(piece.fields[DISTANCE], scale.low, scale.high)}
-                )
-                for piece in pieces.values()
-            )
-            path = Path(place) / f"{folder.name}.png"
-            first.beside(*others).write(path, eye=(0.0, -2.0, 1.3), size=(side * len(pieces), side))
+        for folder, pieces in zip(folders, rows, strict=True):
+            path, scales = Path(place) / f"{folder.name}.png", {DISTANCE: scale_of(pieces)}
+            drawn = {name: _portrait(piece) for name, piece in pieces.items()}
+            open_hole = replace(drawn[REMOVED], layers=drawn[REMOVED].layers[1:])
+            scenes = [replace(drawn.get(name, open_hole), title=name, scales=scales) for name in columns]
+            write_png(scenes, path, size=size)
             strips.append(Image.open(path).convert("RGB"))
-    whole = Image.new("RGB", (max(strip.width for strip in strips), side * len(strips)), "white")
+    whole = Image.new("RGB", (size[0], size[1] * len(strips)), "white")
     for k, strip in enumerate(strips):
-        whole.paste(strip, (0, side * k))
+        whole.paste(strip, (0, size[1] * k))
     return whole.quantize(128)
+
+
+def _portrait(piece: Faces) -> Scene:
+    return Portrait.of_mesh(piece.vertices, piece.faces, piece.fields).scene(eye=(0.0, -2.0, 1.3), size=(1, 1))
 
 
 if __name__ == "__main__":
