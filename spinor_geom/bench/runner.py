@@ -48,6 +48,10 @@ class Settings:
     data: Path | None = None  # folder of mesh files
     quick: bool = False
 
+    def __post_init__(self) -> None:
+        if self.data is not None:  # the same records under each name of the folder
+            object.__setattr__(self, "data", self.data.resolve())
+
     @classmethod
     def short(cls, **changed: Any) -> Settings:
         """The run that takes less than three minutes: a few cases of each suite, every tool once."""

@@ -112,7 +112,8 @@ def test_a_killed_run_goes_on(tmp_path, monkeypatch):
     assert again == list(range(3, total + 1))
     assert len(run.records) == total
     assert (folder / RECORDS).read_text(encoding="utf-8").count("\n") == total
-    # nothing is left to do
+    # nothing is left to do, under no name of the folder of meshes
+    assert Settings(data=Path()) == Settings(data=Path.cwd())
     measure(SMALL, folder, on_record=lambda *_: pytest.fail("measured again"))
     by_method = {(r["method"], r["case"], r["n"]): r for r in run.records}
     ours, theirs = by_method["spinor", "enneper-0.5", 64], by_method["libigl", "enneper-0.5", 64]

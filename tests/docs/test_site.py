@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import functools
 import importlib
 import json
 import os
 import subprocess
 import sys
-import threading
-from collections.abc import Iterator
-from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from types import ModuleType
 
@@ -46,32 +42,18 @@ def pictures(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     return importlib.import_module("pictures")
 
 
-@pytest.fixture(scope="module")
-def address(pages: Path) -> Iterator[str]:
-    """The address of the served site."""
-
-    class Handler(SimpleHTTPRequestHandler):
-        def log_message(self, *_: object) -> None:
-            pass
-
-    with ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(Handler, directory=str(pages))) as server:
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        yield f"http://127.0.0.1:{server.server_port}"
-        server.shutdown()
-
-
 @pytest.mark.slow
-def test_every_page_and_every_picture_opens_in_a_browser(pages: Path, address: str) -> None:
+def test_every_page_and_every_picture_opens_in_a_browser(pages: Path) -> None:
     names = sorted(str(path.relative_to(pages)) for path in pages.rglob("*.html") if path.name != "404.html")
     assert len(names) == len(list(DOCS.glob("*.md")))
     index = json.loads((pages / "search" / "search_index.json").read_text(encoding="utf-8"))
     little = {**index, "docs": index["docs"][:1]}
     with browser() as chromium:
         context = chromium.new_context()
-        # otherwise each page builds the search index of the whole site; another test searches it
-        context.route("**/search_index.json", lambda route: route.fulfill(json=little))
+        # otherwise each page builds the search index of the whole site; the next test searches it
+        context.route("**/search_index.js", lambda route: route.fulfill(body=f"var __index = {json.dumps(little)}"))
         for name in names:
-            with visit(context, f"{address}/{name}") as opened:
+            with visit(context, (pages / name).as_uri()) as opened:
                 page = opened.page
                 assert page.locator("h1").count() == 1, name
                 images = page.locator("article img")
@@ -85,6 +67,15 @@ def test_every_page_and_every_picture_opens_in_a_browser(pages: Path, address: s
                 assert not opened.foreign, (name, opened.foreign)
                 if name == "spinors.html":
                     assert page.locator("math[display=block]").first.bounding_box()["height"] > 10
+
+
+@pytest.mark.slow
+def test_search_finds_pages_that_are_opened_from_a_folder(pages: Path) -> None:
+    with browser() as chromium, visit(chromium, (pages / "index.html").as_uri()) as opened:
+        opened.page.locator("input[name=query]").fill("catenoid")
+        opened.page.locator(".md-search-result__link").first.wait_for(state="attached", timeout=60_000)
+        assert not opened.errors
+        assert not opened.foreign
 
 
 def test_all_pictures_are_shown_and_small(pictures: ModuleType) -> None:
