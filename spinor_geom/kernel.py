@@ -26,11 +26,18 @@ FUNCTIONS: dict[str, tuple[Any, ...]] = {
     "sizes": (*_REGION, _INTEGER, _POINTS, _NUMBERS),
     "refine": (*_REGION, _INTEGER, _POINTS, _NUMBERS, _INTEGER, _NUMBER, _POINTS, _INDICES, _INDICES),
     "near_segments": (_INTEGER, _NUMBERS, _NUMBERS, _NUMBER, _INTEGER, _INTEGER, _NUMBER, _INDICES, _INDICES),
+    "near_points": (
+        *(_INTEGER, _NUMBERS, _NUMBERS, _INTEGER, _NUMBERS, _NUMBERS),
+        *(_INTEGER, _INTEGER, _NUMBER, _INDICES, _INDICES),
+    ),
     "group_half_edges": (_INTEGER, _INDICES, _INTEGER, _INDICES, _INDICES, _INDICES),
     "crossing_angles": (_INTEGER, _INDICES, _NUMBERS, _INDICES, _NUMBERS),
     "patch_angles": (_INTEGER, _NUMBERS, _INTEGER, _INDICES, _INTEGER, _INDICES, _NUMBERS, _NUMBERS),
     "components": (_INTEGER, _INDICES, _INTEGER, _INDICES),
-    "near_faces": (_INTEGER, _NUMBERS, _INTEGER, _NUMBERS, _NUMBER, _INTEGER, _INTEGER, _INDICES, _INDICES),
+    "near_faces": (
+        *(_INTEGER, _NUMBERS, _INTEGER, _NUMBERS, _NUMBER),
+        *(_INTEGER, _INTEGER, _NUMBER, _INDICES, _INDICES),
+    ),
     "sort_by_cells": (_NUMBERS, _INTEGER, _INDICES, _INTEGER, _INDICES, _INDICES, _NUMBERS, _INDICES),
     "faces_in_box": (
         _NUMBERS,

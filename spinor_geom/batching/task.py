@@ -222,7 +222,7 @@ def _status(outcome: LoopOutcome, *, strict: bool) -> str:
         return "open"
     if not outcome.filled:
         return "failed"
-    return "imperfect" if outcome.intersections or (strict and not outcome.converged) else "done"
+    return "done" if outcome.intersection_free and (outcome.converged or not strict) else "imperfect"
 
 
 def _patch_contents(whole: FileContents, patch: LoopPatch) -> FileContents:

@@ -3,11 +3,13 @@
 import argparse
 import json
 import math
+from contextlib import suppress
 from typing import Any
 
 from spinor_geom.cli.console import ExitStatus, complain, show_lines, show_table
 from spinor_geom.cli.source import read_surface, require_writable
-from spinor_geom.errors import require
+from spinor_geom.deadline import time_limit
+from spinor_geom.errors import OutOfTimeError, require
 from spinor_geom.files import up_axis, write_text
 from spinor_geom.fill.mesh_notes import mesh_notes, useful_merging
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
@@ -17,6 +19,12 @@ from spinor_geom.mesh.triangle_mesh import require_faces
 from spinor_geom.render.page import require_html
 
 COLUMNS = ("loop", "points", "perimeter", "mean edge", "size", "centre", "elongation", "corners", "remark")
+_SECONDS_TO_COUNT = 5.0  # the crossings of a loop, of which only tangles of more than 10,000 long edges take longer
+_CROSSING = {
+    0: "",
+    1: "crosses or touches itself at 1 pair of edges",
+    None: f"its crossings were not counted, which takes more than {_SECONDS_TO_COUNT:.0f} s",
+}
 # columns to leave out on a narrow terminal, in this order
 _OPTIONAL = ("elongation", "mean edge", "corners", "size", "centre", "perimeter")
 
@@ -79,7 +87,7 @@ def _json(index: int, loop: BoundaryLoop) -> dict[str, Any]:
         "seam_edges": len(loop.seam_edges),
         "seam_distance": loop.seam_distance,
         "junctions": len(loop.junctions),
-        "crossings": len(loop_crossings(loop.points)),
+        "crossings": _crossings(loop),
         "obstacle": None if loop.obstacle is None else str(loop.obstacle),
         "remarks": list(loop.remarks),
         "corners": loop.vertex_ids[loop.corners].tolist(),
@@ -87,14 +95,20 @@ def _json(index: int, loop: BoundaryLoop) -> dict[str, Any]:
     }
 
 
+def _crossings(loop: BoundaryLoop) -> int | None:
+    """The number of pairs of edges that meet, or None if counting them takes too long."""
+    with time_limit(_SECONDS_TO_COUNT), suppress(OutOfTimeError):
+        return len(loop_crossings(loop.points))
+    return None
+
+
 def _row(index: int, loop: BoundaryLoop) -> list[str]:
-    crossings = 0 if loop.slit_fraction else len(loop_crossings(loop.points))
-    pairs = "pair" if crossings == 1 else "pairs"
+    crossings = 0 if loop.slit_fraction else _crossings(loop)
     remarks = [
         f"zero-width slit ({loop.slit_fraction:.0%})" if loop.slit_fraction else "",
         f"{len(loop.seam_edges)} edges on another loop" if len(loop.seam_edges) else "",
         f"{len(loop.junctions)} T-junctions" if len(loop.junctions) else "",
-        f"crosses or touches itself at {crossings} {pairs} of edges" if crossings else "",
+        _CROSSING.get(crossings, f"crosses or touches itself at {crossings} pairs of edges"),
         "" if loop.obstacle is None else f"no patch: {loop.obstacle}",
         *loop.remarks,
     ]

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
+#include <stdexcept>
 #include <utility>
 #include <vector>
 
@@ -27,6 +28,11 @@ double area(double a, double b, double c) {
     return 0.25 * std::sqrt(std::max((a + (b + c)) * (c - (a - b)) * (c + (a - b)) * (a + (b - c)), 0.0));
 }
 
+// Entries of a matrix are numbered by int32_t.
+void require_numbers(int64_t entries) {
+    if (entries > std::numeric_limits<int32_t>::max()) throw std::length_error("entries");
+}
+
 // A symmetric sparse matrix by columns: the rows of the entries of column j are rows[starts[j]] to rows[starts[j + 1] - 1].
 struct Matrix {
     int32_t *starts, *rows;
@@ -35,6 +41,7 @@ struct Matrix {
 
 // The Laplacian of `count` vertices from the lengths of the edges opposite to the corners of faces.
 void assemble(int64_t count, int64_t faces, const double* lengths, const int64_t* corners, Matrix matrix) {
+    require_numbers(count + 6 * faces);
     double longest = kSmallest;
     for (int64_t k = 0; k < 3 * faces; ++k) longest = std::max(longest, lengths[k]);
     std::vector<int64_t> next(count + 1, 0);  // two entries for each corner, in the order of columns
@@ -199,6 +206,7 @@ ENTRY_POINT int bending_stiffness(
                 ++filled;
             }
             half.clear(), whole.clear();
+            require_numbers(filled);
         }
         starts[free] = static_cast<int32_t>(filled);
     });

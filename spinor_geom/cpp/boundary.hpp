@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstdint>
 #include <numeric>
+#include <stdexcept>
 #include <vector>
 
 #include "entry.hpp"
@@ -31,6 +32,7 @@ public:
             low_ = std::min(low_, a.y);
             high_ = std::max(high_, a.y);
         }
+        if (!(high_ > low_)) throw std::invalid_argument("a boundary without height");
         tree_ = Tree<Point>(std::move(centres), std::move(radii));
         // The edges that each of some horizontal strips meets: m strips, or fewer where edges are as high as many of
         // them, so that there are at most 4m more entries than edges.

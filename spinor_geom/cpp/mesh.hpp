@@ -27,6 +27,7 @@ constexpr double kLongestBridge = 1.45, kLongestEar = 1.05;
 constexpr int kBridgeRounds = 3;
 constexpr double kRoundEnough = 0.4;  // smoothing must not reduce the roundness (1: equilateral) of triangles below this
 constexpr int kMoves = 2;  // more do not improve the angles
+constexpr size_t kLookingAround = 16;  // steps of the time limit: all long edges of the boundary may be near a point
 constexpr int kLongestWalk = 64;  // triangles after which a walk to a circumcentre counts as blocked
 
 class Mesh : private Triangles {
@@ -71,8 +72,10 @@ public:
         while (!queue_.empty()) {
             const Poor poor = queue_.top();
             queue_.pop();
-            if (version_[poor.triangle] != poor.version || !is_poor(poor) || boundary_.too_near(poor.centre)) continue;
-            if (n_ >= m_ + output_.most_points || limit_.is_over()) {
+            const bool is_over = limit_.is_over(kLookingAround);
+            const bool is_current = version_[poor.triangle] == poor.version;
+            if (!is_over && !(is_current && is_poor(poor) && !boundary_.too_near(poor.centre))) continue;
+            if (is_over || n_ >= m_ + output_.most_points) {
                 output_.is_complete = false;
                 break;
             }

@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "entry.hpp"
-#include "point.hpp"
+#include "tree.hpp"
 
 namespace {
 
@@ -18,18 +18,7 @@ using Corners = std::array<Point3, 3>;
 
 constexpr double kFlat = 1e-12;  // sine of an angle above which rounding cannot change its sign
 
-struct Box {
-    Point3 low{kInfinity, kInfinity, kInfinity}, high{-kInfinity, -kInfinity, -kInfinity};
-
-    Box() = default;
-    explicit Box(const Corners& t) : low(plane::low(t[0], plane::low(t[1], t[2]))), high(plane::high(t[0], plane::high(t[1], t[2]))) {}
-    Box(const Box& a, const Box& b) : low(plane::low(a.low, b.low)), high(plane::high(a.high, b.high)) {}
-
-    bool meets(const Box& other) const {
-        return low.x <= other.high.x && other.low.x <= high.x && low.y <= other.high.y && other.low.y <= high.y &&
-               low.z <= other.high.z && other.low.z <= high.z;
-    }
-};
+Box box_of(const Corners& t) { return Box(Box(t[0], t[1]), Box(t[2], t[2])); }
 
 // The bits of a number from 0 to 1023, with two zeros after each.
 uint32_t spread(uint32_t bits) {
@@ -39,56 +28,26 @@ uint32_t spread(uint32_t bits) {
     return (bits | bits << 2) & 0x09249249;
 }
 
-// A binary tree of boxes over triangles in Morton order: node k has the children 2k and 2k + 1.
-class BoxTree {
-public:
-    explicit BoxTree(const std::vector<Corners>& triangles) {
-        std::vector<Box> own;
-        Box all;
-        for (const Corners& t : triangles) own.emplace_back(t), all = Box(all, own.back());
-        std::vector<std::pair<uint32_t, int64_t>> keys;
-        for (size_t i = 0; i < own.size(); ++i) {
-            uint32_t key = 0;
-            for (int k = 0; k < 3; ++k) {
-                const double first = coordinate(all.low, k), size = std::max(coordinate(all.high, k) - first, kTiny);
-                const double middle = 0.5 * coordinate(own[i].low, k) + 0.5 * coordinate(own[i].high, k);
-                const double share = (middle - first) / size;
-                key |= spread(share > 0 ? static_cast<uint32_t>(std::min(1023.0, 1024 * share)) : 0) << k;
-            }
-            keys.emplace_back(key, static_cast<int64_t>(i));
+// The order of boxes along a curve on which boxes near each other mostly follow each other (Morton's).
+std::vector<int64_t> order_along_curve(const std::vector<Box>& boxes) {
+    Box all;
+    for (const Box& own : boxes) all = Box(all, own);
+    std::vector<std::pair<uint32_t, int64_t>> keys;
+    for (const Box& own : boxes) {
+        uint32_t key = 0;
+        for (int k = 0; k < 3; ++k) {
+            const double first = coordinate(all.low, k), size = std::max(coordinate(all.high, k) - first, kTiny);
+            const double middle = 0.5 * coordinate(own.low, k) + 0.5 * coordinate(own.high, k);
+            const double share = (middle - first) / size;
+            key |= spread(share > 0 ? static_cast<uint32_t>(std::min(1023.0, 1024 * share)) : 0) << k;
         }
-        std::sort(keys.begin(), keys.end());
-        while (leaves_ < own.size()) leaves_ *= 2;
-        boxes_.resize(2 * leaves_);
-        for (size_t i = 0; i < keys.size(); ++i) {
-            number_.push_back(keys[i].second);
-            boxes_[leaves_ + i] = own[keys[i].second];
-        }
-        for (size_t node = leaves_ - 1; node > 0; --node) boxes_[node] = Box(boxes_[2 * node], boxes_[2 * node + 1]);
+        keys.emplace_back(key, static_cast<int64_t>(keys.size()));
     }
-
-    // Calls a function with the number of each triangle whose box meets a box.
-    template <typename Function>
-    void each(const Box& box, std::vector<size_t>& stack, Function function) const {
-        stack.assign(1, 1);
-        while (!stack.empty()) {
-            const size_t node = stack.back();
-            stack.pop_back();
-            if (!boxes_[node].meets(box)) continue;
-            if (node >= leaves_) {
-                function(number_[node - leaves_]);
-            } else {
-                stack.push_back(2 * node);
-                stack.push_back(2 * node + 1);
-            }
-        }
-    }
-
-private:
-    size_t leaves_ = 1;
-    std::vector<Box> boxes_;
-    std::vector<int64_t> number_;
-};
+    std::sort(keys.begin(), keys.end());
+    std::vector<int64_t> order;
+    for (const auto& [key, number] : keys) order.push_back(number);
+    return order;
+}
 
 bool equal(Point3 a, Point3 b) { return a.x == b.x && a.y == b.y && a.z == b.z; }
 
@@ -148,7 +107,7 @@ bool are_separated(const Corners& f, const Corners& g, double separation) {
         for (int j = 0; j < 3; ++j)
             if (equal(f[i], g[j])) partner[i] = j, of_f[i] = of_g[j] = true, ++common;
     if (common > 2) return false;
-    const Box both(Box(f), Box{g});
+    const Box both(box_of(f), box_of(g));
     const Point3 extent = both.high - both.low;
     const double size = std::max({extent.x, extent.y, extent.z}), limit = separation * size * size * size;
     const Point3 n = cross(f[1] - f[0], f[2] - f[0]), m = cross(g[1] - g[0], g[2] - g[0]);
@@ -156,7 +115,7 @@ bool are_separated(const Corners& f, const Corners& g, double separation) {
     return common > 0 && meet_only_at_corners(f, g, n, m, partner, common);
 }
 
-Box box_of(const Point3* points, const int64_t* face) { return Box(Corners{points[face[0]], points[face[1]], points[face[2]]}); }
+Box box_of(const Point3* points, const int64_t* face) { return box_of(Corners{points[face[0]], points[face[1]], points[face[2]]}); }
 
 }  // namespace
 
@@ -209,29 +168,39 @@ ENTRY_POINT int faces_in_box(
 }
 
 // Pairs of triangles that are not clearly separated: one of `count` and one of `other_count` others, or two of the first
-// ones if `other_count` is -1. `separation` is a volume per cubed extent of a pair. `pairs` is filled with those of triangle
-// first, first + 1, ..., as far as all pairs of the last one fit. Its length is `room`, at least the number of partners.
-// `done` becomes the number of pairs and the next `first`.
+// ones, the smaller number first, if `other_count` is -1. `separation` is a volume per cubed extent of a pair. `pairs` is
+// filled with those of successive triangles, as far as all pairs of the last one fit. Its length is `room`, at least the
+// number of partners. `done` becomes the number of pairs and the next `first`.
 ENTRY_POINT int near_faces(
     int64_t count, const double* triangles, int64_t other_count, const double* others, double separation, int64_t first,
-    int64_t room, int64_t* pairs, int64_t* done) {
+    int64_t room, double seconds, int64_t* pairs, int64_t* done) {
     return outcome_of([=] {
+        TimeLimit limit(seconds);
         const auto* f = reinterpret_cast<const Corners*>(triangles);
         const bool is_same = other_count < 0;
         const auto* g = is_same ? f : reinterpret_cast<const Corners*>(others);
         const int64_t partners = is_same ? count : other_count;
-        const std::vector<Corners> all(g, g + partners);
-        const BoxTree tree(all);
-        std::vector<size_t> stack;
+        std::vector<Box> boxes, ordered;
+        for (int64_t j = 0; j < partners; ++j) boxes.push_back(box_of(g[j]));
+        const std::vector<int64_t> order = order_along_curve(boxes);
+        for (const int64_t j : order) ordered.push_back(boxes[j]);
+        BoxTree tree(ordered);
         done[0] = 0;
         for (done[1] = first; done[1] < count && done[0] + partners <= room; ++done[1]) {
-            const Corners& own = f[done[1]];
-            tree.each(Box(own), stack, [&](int64_t j) {
-                if ((is_same && j <= done[1]) || are_separated(own, g[j], separation)) return;
-                pairs[2 * done[0]] = done[1];
+            const int64_t own = is_same ? order[done[1]] : done[1];
+            const auto add = [&](int64_t place) {
+                int64_t i = own, j = order[place];
+                if (is_same && j < i) std::swap(i, j);
+                if (are_separated(f[i], g[j], separation)) return;
+                pairs[2 * done[0]] = i;
                 pairs[2 * done[0] + 1] = j;
                 ++done[0];
-            });
+            };
+            if (is_same) {
+                tree.each_after(done[1], limit, add);
+            } else {
+                tree.each(box_of(f[own]), limit, add);
+            }
         }
     });
 }

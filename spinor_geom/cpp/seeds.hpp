@@ -49,7 +49,7 @@ inline std::vector<Point> tips_and_seeds(
     }
     const Tree<Point> all(tips, lengths);
     bool apart = true;
-    for (int64_t i = 0; i < m && apart; ++i)
+    for (int64_t i = 0; i < m && apart && !limit.is_over(); ++i)
         apart = !all.any_around(tips[i], [&](int j) { return j != i && length(tips[j] - tips[i]) < lengths[i]; });
     std::vector<Point> kept;
     std::vector<double> around;

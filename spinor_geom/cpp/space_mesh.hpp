@@ -247,6 +247,7 @@ public:
         // small steps first if a smaller angle is enough, so that vertices move less
         if (enough < kGood) std::reverse(steps.begin(), steps.end());
         for (const double step : steps) {
+            if (limit_.is_over(triangles_.size())) return;
             std::vector<double> least(x_.size(), kPi);
             for (int t = 0; t < count(); ++t)
                 for (const int i : triangles_[t].vertex) least[i] = std::min(least[i], angle_of(t));

@@ -1,12 +1,15 @@
-// Search tree of points.
+// Search trees of points and of boxes.
 
 #pragma once
 
 #include <algorithm>
+#include <cstddef>
+#include <cstdint>
 #include <numeric>
 #include <utility>
 #include <vector>
 
+#include "entry.hpp"
 #include "point.hpp"
 
 namespace plane {
@@ -83,11 +86,50 @@ public:
         return false;
     }
 
+    // Calls a function with the number of each point whose distance from a segment is at most its radius and `slack`.
+    template <typename Function>
+    void each_along(P start, P along, double slack, TimeLimit& limit, Function function) const {
+        if (nodes_.empty()) return;
+        const double squared = dot(along, along);
+        int stack[64], top = 0;
+        stack[top++] = 0;
+        while (top) {
+            const Node& node = nodes_[stack[--top]];
+            limit.require_time();
+            if (!node.meets(start, along, node.radius + slack)) continue;
+            if (node.left >= 0) {
+                stack[top++] = node.right;
+                stack[top++] = node.left;
+                continue;
+            }
+            for (int k = node.first; k < node.last; ++k) {
+                const int i = order_[k];
+                const P to = points_[i] - start;
+                const double share = squared > 0 ? std::clamp(dot(to, along) / squared, 0.0, 1.0) : 0.0;
+                if (length(to - share * along) <= radii_[i] + slack) function(i);
+            }
+        }
+    }
+
 private:
     struct Node {
         P lowest, highest;
         double radius;
         int first, last, left, right;
+
+        // Whether a segment meets the box, wider by a margin on each side.
+        bool meets(P start, P along, double margin) const {
+            double first_share = 0, last_share = 1;
+            for (int k = 0; k < kDimension<P>; ++k) {
+                const double step = coordinate(along, k);
+                const double from = coordinate(lowest - start, k) - margin, to = coordinate(highest - start, k) + margin;
+                if (step == 0 && (from > 0 || to < 0)) return false;
+                if (step == 0) continue;
+                first_share = std::max(first_share, std::min(from / step, to / step));
+                last_share = std::min(last_share, std::max(from / step, to / step));
+            }
+            return first_share <= last_share;
+        }
 
         double squared_distance(P p) const {
             const P outside = high(high(lowest - p, p - highest), kOrigin<P>);
@@ -127,6 +169,68 @@ private:
     std::vector<double> radii_;
     std::vector<int> order_;
     std::vector<Node> nodes_;
+};
+
+// A box in space with sides along the axes, empty by default.
+struct Box {
+    Point3 low{kInfinity, kInfinity, kInfinity}, high{-kInfinity, -kInfinity, -kInfinity};
+
+    Box() = default;
+    Box(Point3 a, Point3 b) : low(plane::low(a, b)), high(plane::high(a, b)) {}
+    Box(const Box& a, const Box& b) : low(plane::low(a.low, b.low)), high(plane::high(a.high, b.high)) {}
+
+    bool meets(const Box& other) const {
+        return low.x <= other.high.x && other.low.x <= high.x && low.y <= other.high.y && other.low.y <= high.y &&
+               low.z <= other.high.z && other.low.z <= high.z;
+    }
+};
+
+// A binary tree of boxes: node k has the children 2k and 2k + 1, and the last nodes are those of the boxes, in order.
+class BoxTree {
+public:
+    explicit BoxTree(const std::vector<Box>& boxes) : count_(boxes.size()) {
+        while (leaves_ < count_) leaves_ *= 2;
+        nodes_.resize(2 * leaves_);
+        std::copy(boxes.begin(), boxes.end(), nodes_.begin() + static_cast<std::ptrdiff_t>(leaves_));
+        for (size_t node = leaves_ - 1; node > 0; --node) nodes_[node] = Box(nodes_[2 * node], nodes_[2 * node + 1]);
+    }
+
+    // Calls a function with the number of each box that meets a box, in order.
+    template <typename Function>
+    void each(const Box& box, TimeLimit& limit, Function function) {
+        stack_.assign(1, 1);
+        search(box, limit, function);
+    }
+
+    // Calls a function with the number of each box after number i that meets it, in order.
+    template <typename Function>
+    void each_after(size_t i, TimeLimit& limit, Function function) {
+        // those below the right siblings of its ancestors
+        for (size_t ancestor = leaves_ + i; ancestor > 1; ancestor /= 2)
+            if (ancestor % 2 == 0) stack_.insert(stack_.begin(), ancestor + 1);
+        search(nodes_[leaves_ + i], limit, function);
+    }
+
+private:
+    template <typename Function>
+    void search(const Box& box, TimeLimit& limit, Function function) {
+        while (!stack_.empty()) {
+            const size_t node = stack_.back();
+            stack_.pop_back();
+            limit.require_time();
+            if (!nodes_[node].meets(box)) continue;
+            if (node < leaves_) {
+                stack_.push_back(2 * node + 1);
+                stack_.push_back(2 * node);
+            } else if (node - leaves_ < count_) {  // a box without end meets the empty ones too
+                function(static_cast<int64_t>(node - leaves_));
+            }
+        }
+    }
+
+    size_t count_, leaves_ = 1;
+    std::vector<Box> nodes_;
+    std::vector<size_t> stack_;
 };
 
 }  // namespace plane

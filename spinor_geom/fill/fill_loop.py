@@ -31,7 +31,7 @@ from spinor_geom.fill.fill_options import FillOptions
 from spinor_geom.fill.fill_result import LoopOutcome
 from spinor_geom.fill.new_patch import Change, NewPatch, in_own_frame
 from spinor_geom.fill.no_holes import require_area
-from spinor_geom.fill.patched_mesh import LoopPatch, PatchedMesh
+from spinor_geom.fill.patched_mesh import NOT_SEARCHED, LoopPatch, PatchedMesh
 from spinor_geom.fill.retriangulation import NOT_CLEARED, retriangulated, without_intersections
 from spinor_geom.fill.smooth_patch import NO_TIME, NOT_CONTINUED, smooth_patch
 from spinor_geom.fill.solved_loops import SolvedLoop, solved_loops
@@ -112,6 +112,7 @@ def fill_loop(
         self_intersections=len(new.crossings.own),
         mesh_intersections=len(new.crossings.mesh),
         patch_intersections=len(new.crossings.patches),
+        is_searched=new.crossings.is_complete,
         choice=new.choice,
         remarks=(*loop.remarks, *new.remarks, *new.notes, *lowered, *_without_area(patch)),
         timings=clock.with_total,
@@ -204,8 +205,11 @@ class _Maker:
         """A patch fitted to the mesh, and the seconds of the search for its intersections."""
         self.options.on_stage(self.index, "crossings")
         begin = perf_counter()
-        with _until(max(self.end, begin + _SECONDS_TO_REPORT)):
-            new = new.fitted(self.patched)
+        try:
+            with _until(max(self.end, begin + _SECONDS_TO_REPORT)):
+                new = new.fitted(self.patched)
+        except OutOfTimeError:
+            new = replace(new.split(self.patched), crossings=NOT_SEARCHED)
         search = perf_counter() - begin
         self.clock.lap("crossings")
         return new, search

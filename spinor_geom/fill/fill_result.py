@@ -50,6 +50,7 @@ class LoopOutcome:
         self_intersections: pairs of faces of its patch that intersect.
         mesh_intersections: pairs of a face of its patch and one of the mesh that intersect.
         patch_intersections: pairs of a face of its patch and one of an earlier loop's patch that intersect.
+        is_searched: whether intersections were searched for. False if the time limit ended the search.
         remarks: sentences on intersections, islands in the hole, and why a patch was not continued. Face indices are
             those of the triangles of the filled mesh.
         choice: with continuity "auto", which patch was chosen and why. Empty otherwise.
@@ -76,6 +77,7 @@ class LoopOutcome:
     self_intersections: int = 0
     mesh_intersections: int = 0
     patch_intersections: int = 0
+    is_searched: bool = True
     remarks: tuple[str, ...] = ()
     choice: str = ""
     timings: Mapping[str, float]
@@ -172,6 +174,11 @@ class LoopOutcome:
         """Number of pairs of intersecting faces, at least one of them of the patch."""
         return self.self_intersections + self.mesh_intersections + self.patch_intersections
 
+    @property
+    def intersection_free(self) -> bool:
+        """Whether intersections were searched for, and none was found."""
+        return self.is_searched and not self.intersections
+
     def to_dict(self) -> dict[str, Any]:
         """The outcome in JSON's types. Figures of a surface are None without one."""
         solution, continuation = (None, None) if self._is_beside_patch else (self.solution, self.continuation)
@@ -239,7 +246,7 @@ class FillResult(Shown):
         """The figures of the whole mesh."""
         filled, count = sum(outcome.filled for outcome in self.loops), len(self.loops)
         watertight = "watertight" if self.watertight else "not watertight"
-        intersections = "no intersections" if self.intersection_free else "with intersections"
+        intersections = "no intersections" if self.intersection_free else "with intersections, or not searched for them"
         added = f"{len(self.extension.faces)} faces added"
         return f"{filled} of {count} loops filled, {added}, {watertight}, {intersections}"
 
@@ -260,8 +267,11 @@ class FillResult(Shown):
 
     @property
     def intersection_free(self) -> bool:
-        """Whether no patch intersects itself, the mesh or another patch. Intersections of the input do not count."""
-        return not any(outcome.intersections for outcome in self.loops)
+        """Whether no patch intersects itself, the mesh or another patch. Intersections of the input do not count.
+
+        False if the time limit ended the search for them.
+        """
+        return all(outcome.intersection_free for outcome in self.loops)
 
     def to_dict(self) -> dict[str, Any]:
         """The report in JSON's types, without the mesh itself."""

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from spinor_geom.adapters import MeshFile, extend
+from spinor_geom.deadline import time_limit
 from spinor_geom.errors import SpinorGeomError
 from spinor_geom.fill.borders import require_no_border
 from spinor_geom.fill.bridges import fill_between, planned_joins
@@ -78,7 +79,8 @@ class Filling:
             require_hole(loop, self.patched, self._merging)
             if not is_named:
                 require_no_seams(loop)
-                require_no_border(self.patched, loop)
+                with time_limit(self._options.time_limit):
+                    require_no_border(self.patched, loop)
         except SpinorGeomError as error:
             return error
         return None

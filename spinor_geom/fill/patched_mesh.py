@@ -42,13 +42,15 @@ class LoopPatch:
 class Crossings:
     """Pairs of intersecting faces, of which the first, or both, belong to one patch.
 
-    Face indices are those of the filled mesh. `notes` has one sentence for each kind that occurs.
+    Face indices are those of the filled mesh. `notes` has one sentence for each kind that occurs. `is_complete` is
+    False if there was no time to search for them.
     """
 
     own: Int[np.ndarray, "i 2"]  # both faces are the patch's
     mesh: Int[np.ndarray, "j 2"]
     patches: Int[np.ndarray, "k 2"]  # with patches that were joined before
     notes: tuple[str, ...]
+    is_complete: bool = True
 
     def __len__(self) -> int:
         """Number of all pairs."""
@@ -56,6 +58,11 @@ class Crossings:
 
 
 NO_CROSSINGS = Crossings(own=NO_PAIRS, mesh=NO_PAIRS, patches=NO_PAIRS, notes=())
+NOT_SEARCHED = replace(
+    NO_CROSSINGS,
+    notes=("whether the patch intersects anything is not known: the time limit ended the search",),
+    is_complete=False,
+)
 
 
 def patch_chords(patch: Patch) -> Int[np.ndarray, "c 2"]:

@@ -13,9 +13,9 @@ from jaxtyping import Bool, Float, Int
 
 from spinor_geom.arrays import EPS, cross, norm, shifted
 from spinor_geom.errors import SelfCrossingLoopError
-from spinor_geom.kernel import call
+from spinor_geom.kernel import checked
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, diagonals
-from spinor_geom.mesh.near_edges import AT_ONCE, near_edges
+from spinor_geom.mesh.near_edges import Wanted, found_pairs, near_edges
 
 Points = Float[np.ndarray, "k 3"]
 Chain = Float[np.ndarray, "m 3"]
@@ -25,6 +25,7 @@ Triangles = Float[np.ndarray, "k 3 3"]
 Sides = Int[np.ndarray, "k 3"]  # 1, −1, or 0
 Pairs = Int[np.ndarray, "_ 2"]
 
+MOST_CROSSINGS = 100_000  # of polygons, after which the search for more ends: random ones have as many as squared edges
 MEETING_PER_DIAGONAL = 1e-12  # largest distance of edges of a polygon that meet, per diagonal
 MIN_NORMAL_COSINE = 1e-3  # least cosine between the face normals and the direction of a graph, above rounding
 SEPARATION = 1e-12  # volume, per cubed extent of two triangles, above which rounding cannot change its sign
@@ -71,19 +72,11 @@ def intersections_between(
     return sorted_pairs(_near_faces(f, g, meet))
 
 
-def _near_faces(
-    f: Triangles, g: Float[np.ndarray, "l 3 3"] | None, meet: Callable[..., Bool[np.ndarray, " _"]]
-) -> Pairs:
+def _near_faces(f: Triangles, g: Float[np.ndarray, "l 3 3"] | None, meet: Wanted) -> Pairs:
     """The pairs of f and g, or i < j of f, that are not clearly separated and for which `meet` is True."""
     others, partners = (f[:0], -1) if g is None else (g, len(g))
-    f, others = (np.ascontiguousarray(triangles, dtype=np.float64) for triangles in (f, others))
-    near, done = np.empty((max(AT_ONCE, partners, len(f)), 2), dtype=np.int64), np.zeros(2, dtype=np.int64)
-    found: list[np.ndarray] = []
-    while not found or done[1] < len(f):
-        call("near_faces", len(f), f, partners, others, SEPARATION, int(done[1]), len(near), near, done)
-        i, j = near[: done[0]].T
-        found.append(near[: done[0]][meet(i, j)])
-    return np.concatenate(found)
+    f, others = (checked("corners", corners, np.float64, None, 3, 3) for corners in (f, others))
+    return found_pairs("near_faces", len(f), max(partners, len(f)), (f, partners, others, SEPARATION), meet)
 
 
 def is_graph(vertices: Points, faces: Faces, boundary_size: int) -> bool:
@@ -109,7 +102,7 @@ def loop_crossings(points: Chain) -> Pairs:
     """Pairs i < j, sorted, of edges of a closed polygon (M, 3) that cross or touch, none for a simple polygon.
 
     Edge i runs from point i to point i + 1 (mod M). Edges without a common point meet if their distance is at most
-    1e-12 of the diagonal, adjacent edges if the polygon folds back onto itself.
+    1e-12 of the diagonal, adjacent edges if the polygon folds back onto itself. The search ends after 100,000 pairs.
     """
     if is_star(points):
         return np.zeros((0, 2), dtype=np.int64)
@@ -139,7 +132,7 @@ def _meeting_edges(starts: Chain, ends: Chain, wanted: Callable[..., Bool[np.nda
         are_meeting[are_meeting] = _segment_distances(starts[i], ends[i], starts[j], ends[j]) <= tolerance
         return are_meeting
 
-    return near_edges(starts, ends, tolerance, meet), tolerance
+    return near_edges(starts, ends, tolerance, meet, enough=MOST_CROSSINGS), tolerance
 
 
 def require_simple(loop: BoundaryLoop) -> None:

@@ -57,7 +57,8 @@ def _crossings(points: Float[np.ndarray, "m 3"]) -> tuple[Passed, Passed, Int[np
         apart = (second - first > 1) & (second - first < len(points) - 1)
         return np.asarray(apart & (s >= 0) & (s < 1) & (t >= 0) & (t < 1) & (turn != 0))
 
-    first, second = near_edges(flat, np.roll(flat, -1, axis=0), 0.0, cross_each_other).T
+    ends = np.roll(flat, -1, axis=0)
+    first, second = near_edges(flat, ends, 0.0, cross_each_other, enough=MOST_CROSSINGS + 1).T
     s, t, turn = places_of(first, second)
     rise = np.roll(points[:, 2], -1) - points[:, 2]
     above = points[first, 2] + s * rise[first] > points[second, 2] + t * rise[second]

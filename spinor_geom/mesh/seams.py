@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from spinor_geom.arrays import norm, shifted
-from spinor_geom.mesh.near_edges import near_edges
-from spinor_geom.mesh.topology import SHARE_OF_EDGE, near_vertices
+from spinor_geom.mesh.near_edges import near_points
+from spinor_geom.mesh.topology import SHARE_OF_EDGE, coincident_vertices, near_vertices
 
 Points = Float[np.ndarray, "n 3"]
 Numbers = Int[np.ndarray, " _"]
@@ -107,11 +107,17 @@ def _points_on_edges(
     if not len(edges):
         return edges, edges, np.zeros(0), np.zeros(0)
     ends = successor[edges]
-    i, j = near_edges(points[edges], points[ends], float(reach.max()), np.less).T  # all pairs
-    edge = np.concatenate([edges[i], edges[i], edges[j], edges[j]])
-    entry = np.concatenate([edges[j], ends[j], edges[i], ends[i]])
-    inside = (place[entry] != place[edge]) & (place[entry] != place[successor[edge]])
-    edge, entry = edge[inside], entry[inside]
+    # one entry for each position, the one with the largest reach
+    entries = np.concatenate([edges, ends])
+    entries = entries[np.argsort(-reach[entries], kind="stable")]
+    entries = entries[np.unique(coincident_vertices(points[entries]))]
+
+    def is_no_end(side: Numbers, number: Numbers) -> Bool[np.ndarray, " k"]:
+        at, edge = place[entries[number]], edges[side]
+        return np.asarray((at != place[edge]) & (at != place[successor[edge]]))
+
+    side, number = near_points(points[edges], points[ends], points[entries], reach[entries], is_no_end).T
+    edge, entry = edges[side], entries[number]
     side, aside = points[successor[edge]] - points[edge], points[entry] - points[edge]
     along = np.einsum("ni,ni->n", side, aside) / np.einsum("ni,ni->n", side, side)
     height = norm(aside - along[:, None] * side)

@@ -186,7 +186,11 @@ def _summary(result: FillResult) -> str:
     if not count:
         return "The mesh has no boundary loops: nothing to fill."
     pairs = sum(outcome.intersections for outcome in result.loops)
-    intersections = f"the patches have {pairs} intersecting pairs of faces" if pairs else "no patch intersects anything"
+    intersections = f"the patches have {pairs} intersecting pairs of faces"
+    if not pairs:
+        intersections = (
+            f"{'no patch' if result.intersection_free else 'no patch that was searched'} intersects anything"
+        )
     return (
         f"{filled} of {count} loops filled; {len(result.original.vertices)} vertices and {len(result.original.faces)} "
         f"triangles before, {len(result.extension.vertices)} and {len(result.extension.faces)} added. The filled mesh "

@@ -158,7 +158,9 @@ def test_a_patch_that_crosses_the_mesh_is_written_and_reported_with_status_1(
     assert entry["loops"][0]["mesh_intersections"] == 1
 
 
-def test_a_loop_that_crosses_itself_is_named_and_listed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_loop_that_crosses_itself_is_named_and_listed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = write_obj(tmp_path / "eight.obj", *collar(figure_eight(16, 0.5), np.array([0, 0, 0.3])))
     assert main(["fill", str(path), "-o", str(tmp_path / "filled.obj")]) == 1
     printed = capsys.readouterr().err
@@ -169,6 +171,9 @@ def test_a_loop_that_crosses_itself_is_named_and_listed(tmp_path: Path, capsys: 
     assert main(["loops", str(path), "--json", "--html", str(tmp_path / "loops.html")]) == 0
     assert "<h1>Boundary loops of eight.obj</h1>" in (tmp_path / "loops.html").read_text(encoding="utf-8")
     assert [entry["crossings"] for entry in json.loads(capsys.readouterr().out)] == [1, 1]
+    monkeypatch.setattr("spinor_geom.cli.loops._SECONDS_TO_COUNT", -1)
+    assert main(["loops", str(path)]) == 0
+    assert capsys.readouterr().out.count("its crossings were not counted") == 2
 
 
 def test_bridge_joins_two_rims_and_islands_are_joined_on_request(

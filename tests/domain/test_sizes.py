@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from spinor_geom.domain.delaunay import constrained_delaunay
 from spinor_geom.domain.sizes import SizeField
-from spinor_geom.errors import OptionError
+from spinor_geom.errors import OptionError, SpinorGeomError
 from tests.strategies import SEEDS
 
 
@@ -91,6 +91,11 @@ def test_a_refinement_takes_only_what_the_kernel_can_read(wrong):
 def test_a_boundary_is_finite():
     with pytest.raises(OptionError, match="boundary must be finite"):
         SizeField().over(np.array([0, 1, np.nan]))
+
+
+def test_a_boundary_on_a_line_is_an_error():
+    with pytest.raises(SpinorGeomError, match="refine of the compiled part failed"):
+        SizeField().over(np.linspace(-1, 1, 12) + 0j).refined(np.array([[0, 1, 2]]), None, 100, np.inf)
 
 
 @pytest.mark.parametrize("most", [2**28, 2**40])

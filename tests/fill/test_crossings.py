@@ -96,6 +96,18 @@ def test_a_hole_with_a_slit_at_its_edge_is_closed_by_triangles() -> None:
 # --- patches ----------------------------------------------------------------------------------------------------------
 
 
+def test_without_time_to_search_for_intersections_a_patch_is_kept_and_not_called_free_of_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    mesh = collar(np.random.default_rng(0).normal(size=(40, 3)), np.array([0, 0, 0.01]))
+    monkeypatch.setattr("spinor_geom.fill.fill_loop._SECONDS_TO_REPORT", -1)
+    report, outcome = filled_at(mesh, 0, time_limit=1e-3)
+    assert outcome.filled
+    assert not outcome.is_searched
+    assert not report.intersection_free
+    assert any("whether the patch intersects anything is not known" in note for note in outcome.remarks)
+
+
 def test_a_patch_over_a_knot_crosses_itself_and_reports_where() -> None:
     mesh = trefoil(60)
     report, outcome = filled_at(mesh, 0, tolerance=1e-2)

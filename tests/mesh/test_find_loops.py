@@ -172,6 +172,15 @@ class TestRandomMeshes:
         assert rings_of(flipped) == rings_of([loop.reversed() for loop in loops])
 
 
+@pytest.mark.parametrize("flat", [True, False])
+def test_a_face_of_many_random_corners_is_read_quickly(flat: bool) -> None:
+    # all pairs of its edges would take minutes
+    points = np.random.default_rng(0).normal(size=(40_000, 3)) * [1, 1, not flat]
+    k = np.arange(1, len(points) - 1)
+    (loop,) = find_boundary_loops(TriangleMesh(points, np.stack([0 * k, k, k + 1], axis=1)))
+    assert len(loop) == len(points)
+
+
 @pytest.mark.parametrize(
     ("name", "count", "longest"),
     [

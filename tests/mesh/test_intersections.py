@@ -11,7 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from spinor_geom.deadline import time_limit
+from spinor_geom.errors import OptionError, OutOfTimeError
 from spinor_geom.mesh.intersections import (
+    MOST_CROSSINGS,
     edges_through,
     intersections_between,
     is_graph,
@@ -256,6 +259,26 @@ def test_stars_are_simple_where_they_wind_once(seed: int, count: int, turns: int
     several = np.stack([points, rng.normal(size=points.shape), np.ones_like(points)])
     np.testing.assert_array_equal(is_star(several), [is_star(own) for own in several])
     assert not is_star(several[2])
+
+
+def test_the_search_for_crossing_edges_of_a_tangle_ends() -> None:
+    points = np.random.default_rng(0).normal(size=(30_000, 3)) * [1, 1, 0]
+    assert MOST_CROSSINGS <= len(loop_crossings(points)) < 4 * MOST_CROSSINGS  # of 10⁸
+
+
+def test_the_search_for_crossing_faces_has_a_time_limit() -> None:
+    vertices = np.random.default_rng(0).normal(size=(600, 3))
+    faces = np.arange(600).reshape(-1, 3)
+    with time_limit(-1):
+        with pytest.raises(OutOfTimeError):
+            self_intersections(vertices, faces)
+        with pytest.raises(OutOfTimeError):
+            intersections_between(vertices, faces, vertices, faces)
+
+
+def test_faces_that_may_cross_are_finite() -> None:
+    with pytest.raises(OptionError, match="corners must be finite"):
+        self_intersections(np.array([[np.inf] * 3, [-np.inf] * 3, *np.eye(3)]), np.array([[0, 1, 2], [2, 3, 4]]))
 
 
 def fan(angles: list[float], lift: float = 0.0) -> tuple[np.ndarray, np.ndarray]:

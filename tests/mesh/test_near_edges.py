@@ -1,4 +1,4 @@
-"""The pairs of near segments are those of a search through all pairs, and take little memory."""
+"""The pairs of near segments and points are those of a search through all pairs, and take little memory."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ import pytest
 from spinor_geom.deadline import time_limit
 from spinor_geom.errors import OptionError, OutOfTimeError
 from spinor_geom.mesh.intersections import _segment_distances
-from spinor_geom.mesh.near_edges import AT_ONCE, near_edges
+from spinor_geom.mesh.near_edges import AT_ONCE, near_edges, near_points
 
 
 def segments(kind, rng, count=60):
@@ -40,6 +40,30 @@ def test_pairs_are_those_of_a_search_through_all(kind, distance):
         assert set(map(tuple, found)) <= set(map(tuple, pairs[apart <= distance + 1e-6].tolist()))
 
 
+@pytest.mark.parametrize("kind", ["any", "a chain", "parallel", "in a plane", "on a line", "points"])
+def test_near_points_are_those_of_a_search_through_all(kind):
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        starts, ends = segments(kind, rng)
+        points, radii = segments(kind, rng, 90)[0], rng.choice([0.0, 0.1, 1.0], 90)
+        pairs = np.argwhere(np.ones((len(starts), len(points))))
+        i, j = pairs.T
+        apart = _segment_distances(starts[i], ends[i], points[j], points[j]) - radii[j]
+        found = set(map(tuple, near_points(starts, ends, points, radii, lambda one, _: one > 3).tolist()))
+        assert found >= set(map(tuple, pairs[(apart <= -1e-14) & (i > 3)].tolist()))
+        assert found <= set(map(tuple, pairs[(apart <= 1e-10) & (i > 3)].tolist()))
+
+
+def test_pairs_at_an_infinite_distance_are_those_of_given_segments():
+    starts, ends = segments("any", np.random.default_rng(0), 5)
+    assert near_edges(starts, ends, np.inf, np.less).tolist() == np.stack(np.triu_indices(5, 1), axis=1).tolist()
+
+
+def test_the_search_ends_where_enough_are_found():
+    starts, ends = segments("any", np.random.default_rng(0), 2000)
+    assert AT_ONCE <= len(near_edges(starts, ends, np.inf, np.less, enough=10)) + 2000 < 2 * AT_ONCE
+
+
 def test_segments_are_finite():
     with pytest.raises(OptionError):
         near_edges(np.full((2, 3), np.nan), np.zeros((2, 3)), 1.0, np.less)
@@ -47,8 +71,11 @@ def test_segments_are_finite():
 
 def test_the_search_ends_at_the_time_limit():
     starts, ends = segments("a chain", np.random.default_rng(0), 2000)
-    with time_limit(-1), pytest.raises(OutOfTimeError):
-        near_edges(starts, ends, 0.0, np.less)
+    with time_limit(-1):
+        with pytest.raises(OutOfTimeError):
+            near_edges(starts, ends, 0.0, np.less)
+        with pytest.raises(OutOfTimeError):
+            near_points(starts, ends, starts, np.ones(2000), np.less)
 
 
 def test_few_pairs_are_looked_at_together_even_of_many_segments():
