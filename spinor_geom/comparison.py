@@ -256,7 +256,7 @@ def _polylines(loops: Sequence[BoundaryLoop]) -> tuple[Float[np.ndarray, "n 3"],
 
 def _error(solution: PlateauSolution, fine: Patch) -> float:
     """The largest distance of the surface, at the triangles' centres, from a mesh with all vertices on it."""
-    centres = solution.array_surface.positions_inside(fine.points[fine.faces].mean(axis=1))
+    centres = solution.array_surface.positions_inside(fine.points[fine.faces].mean(axis=1))[0]
     return float(distances_to_mesh(centres, fine.vertices, fine.faces).max())
 
 

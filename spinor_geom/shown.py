@@ -11,7 +11,6 @@ from spinor_geom.errors import require
 
 if TYPE_CHECKING:
     import pyvista
-    import torch
     import trimesh
 
     from spinor_geom.render.shapes import Shape
@@ -66,13 +65,6 @@ class Shown:
             vertex_attributes=values,
             process=False,
         )
-
-    def to_torch(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Vertices (V, 3) float64 and faces (F, 3) int64 as tensors."""
-        from spinor_geom.torch_extra import torch
-
-        shape = self._shape()
-        return torch.tensor(np.array(shape.vertices)), torch.tensor(np.array(shape.faces))
 
     def to_gltf(self, path: str | os.PathLike[str]) -> None:
         """Writes a binary glTF file coloured by Gauss curvature (minimal surface) or |H| (mesh), grey where undefined.

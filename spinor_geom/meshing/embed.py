@@ -186,7 +186,7 @@ def _piece(solution: PlateauSolution, target: float) -> Piece:
 
 
 def _patch(solution: PlateauSolution, plane: PlaneTriangulation) -> Patch:
-    inner, is_accurate = solution.array_surface.positions_in_time(plane.points[plane.boundary_size :])
+    inner, is_accurate = solution.array_surface.positions_inside(plane.points[plane.boundary_size :])
     if not np.isfinite(inner).all():
         raise DomainError("the surface is not finite inside its domain: p or q has a pole there")
     patch = Patch.over(plane, np.concatenate([*(rim.loop.points for rim in solution.rims), inner]))

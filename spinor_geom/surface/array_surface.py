@@ -5,13 +5,13 @@ from __future__ import annotations
 import copy
 import os
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, Literal, TypeVar, cast
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
 from jaxtyping import Complex, Float, Int
 from numpy.typing import ArrayLike, NDArray
 
-from spinor_geom.arrays import NUMPY, Array, Place, cis, indices, is_numpy, namespace, place_of, to_numpy, zeros
+from spinor_geom.arrays import Array, Place, cis, indices, is_numpy, namespace, place_of, to_numpy, zeros
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.domain.quadrature import RuleName, rule
 from spinor_geom.errors import DtypeError, OptionError, PeriodError, require_positive
@@ -62,7 +62,8 @@ class ArraySurface(Shown):
     rim: RimPrimitive | None = None
 
     def __repr__(self) -> str:
-        return f"{type(self).__name__}({self._model_name} over {self.domain!r})"
+        model = getattr(self.model, "tracked", self.model)
+        return f"{type(self).__name__}({type(model).__name__} over {self.domain!r})"
 
     def __init__(
         self,
@@ -87,10 +88,6 @@ class ArraySurface(Shown):
         self.model, self.constant, self.spinor_map = model, constant, spinor_map
 
     @property
-    def _model_name(self) -> str:
-        return type(self.model).__name__
-
-    @property
     def root(self) -> complex:
         """The point of Ω where r = constant, a vertex of the triangulation near the middle."""
         return complex(self.domain.triangulation.points[self.domain.root])
@@ -108,11 +105,6 @@ class ArraySurface(Shown):
         """(p′, q′), shape (*pts, 2)."""
         return self._evaluate(_spinor_derivatives, z)
 
-    def weierstrass_data(self, z: Points) -> tuple[Points, Points]:
-        """Weierstrass data f = φ₁ − iφ₂ = −2q² and g = −p/q (infinite where q = 0), (*pts) each."""
-        data = self._evaluate(lambda on, w: namespace(w).stack(formulas.weierstrass_data(*_pair(on, w)), axis=-1), z)
-        return data[..., 0], data[..., 1]
-
     def gauss_map(self, z: Points) -> Points:
         """The normal projected stereographically from +e₃, g = (n₁ + i n₂)/(1 − n₃) = −p/q, shape (*pts)."""
         return self._evaluate(lambda on, w: formulas.gauss_map(*_pair(on, w)), z)
@@ -127,17 +119,11 @@ class ArraySurface(Shown):
             require_finite(_complex(z))
         return self._evaluate(_position, z)
 
-    def positions_inside(self, z: Complex[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
-        """`position` of many points not on ∂Ω, by few evaluations of p and q.
+    def positions_inside(self, z: Complex[np.ndarray, " n"]) -> tuple[Float[np.ndarray, "n 3"], bool]:
+        """`position` of many points not on ∂Ω by few evaluations of p and q, and whether they are accurate.
 
-        Without holes and without a closed form it uses Cauchy's formula on ∂Ω, to 1e-10 of the surface's size.
-        """
-        return self.positions_in_time(z)[0]
-
-    def positions_in_time(self, z: Complex[np.ndarray, " n"]) -> tuple[Float[np.ndarray, "n 3"], bool]:
-        """`positions_inside`, and whether they are as accurate: less accurate ones near ∂Ω take less time.
-
-        Those are computed if the time limit leaves too little time.
+        Without holes and without a closed form it uses Cauchy's formula on ∂Ω, to 1e-10 of the surface's size. Near ∂Ω
+        positions are less accurate if the time limit leaves too little time.
         """
         if self.has_closed_positions or self.domain.holes or len(z) == 0:
             return np.asarray(self.position(z)), True
@@ -164,12 +150,8 @@ class ArraySurface(Shown):
         return self._evaluate(lambda on, w: formulas.normal(*_pair(on, w)), z)
 
     def conformal_factor(self, z: Points) -> Points:
-        """λ = |p|² + |q|²: length in space per length in Ω, shape (*pts)."""
+        """λ = |p|² + |q|²: length in space per length in Ω, shape (*pts). The first form is λ²(dx² + dy²)."""
         return self._evaluate(lambda on, w: formulas.conformal_factor(*_pair(on, w)), z)
-
-    def first_fundamental_form(self, z: Points) -> Points:
-        """λ²·identity in the coordinates x, y, shape (*pts, 2, 2)."""
-        return self._evaluate(lambda on, w: formulas.first_fundamental_form(*_pair(on, w)), z)
 
     def second_fundamental_form(self, z: Points) -> Points:
         """Normal parts of r_xx, r_xy and r_yy from p, q, p′, q′, shape (*pts, 2, 2)."""
@@ -204,7 +186,7 @@ class ArraySurface(Shown):
         return np.asarray(self.position(rim.panels.z[[middle]]) - rim.primitive[[middle]].real)
 
     def rim_primitives(self, order: int) -> tuple[RimPrimitive, ...]:
-        """∫ φ dz along every boundary of Ω, by panels of `order` nodes."""
+        """∫ φ dz along every boundary of Ω, the outer one first, by panels of `order` nodes."""
         return tuple(RimPrimitive.along(boundary, self.null_curve, order) for boundary in self.domain.boundaries)
 
     def periods(self) -> Complex[np.ndarray, "holes 3"]:
@@ -213,8 +195,8 @@ class ArraySurface(Shown):
         The real part is the change of r along a curve around the hole: 0 up to rounding if the surface closes. The
         imaginary part is the flux: up to its sign the force of surface tension across a curve around the hole.
         """
-        rims = [RimPrimitive.along(boundary, self.null_curve, self.order) for boundary in self.domain.holes]
-        return np.array([rim.at_breaks[-1] for rim in rims], dtype=np.complex128).reshape(-1, 3)
+        around = [rim.at_breaks[-1] for rim in self.rim_primitives(self.order)[1:]] if self.domain.holes else []
+        return np.array(around, dtype=np.complex128).reshape(-1, 3)
 
     def largest_period(self) -> float:
         """The largest |Re ∮ φ dz| around a hole, 0 without holes."""
@@ -241,15 +223,6 @@ class ArraySurface(Shown):
         if hasattr(self.model, "sign_changing"):
             values = values * self._evaluate(lambda on, w: on.model.sign_changing(w), z)[:, None]
         return values
-
-    def loop_invariant(self, z: Complex[np.ndarray, " n"]) -> Literal[0, 1]:
-        """The ℤ₂ invariant of a closed curve in Ω: 1 if the surface's frame along it lifts to SU(2), else 0.
-
-        It is 0 for simple curves, because branch points of spinors are removable. The samples are in order, without the
-        first at the end. Raises OptionError if the frames of neighbours differ by 90° or more.
-        """
-        closed = np.asarray(z, dtype=np.complex128)
-        return frames.loop_invariant(self.null_curve(closed), np.roll(closed, -1) - np.roll(closed, 1))
 
     def associate(self: S, angle: float) -> S:
         """The associate surface with e^{i·angle}φ, the angle in radians, on a copy of the model.
@@ -329,10 +302,7 @@ class ArraySurface(Shown):
                 place = place_of(points[0])
                 value: Points = function(self if place_of(self.constant) == place else self.at(place), *points)
                 return value
-            arrays = tuple(_complex(z) for z in points)
-            place = place_of(self.constant)
-            found: Any = to_numpy(function(self, *(arrays if place == NUMPY else map(place.put, arrays))))
-            return cast(Points, found)
+            return cast(Points, to_numpy(function(self, *(place_of(self.constant).put(_complex(z)) for z in points))))
 
     def at(self, place: Place) -> ArraySurface:
         """The surface with its arrays converted to a `Place`."""

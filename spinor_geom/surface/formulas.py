@@ -11,10 +11,9 @@ dq are the derivatives p′ and q′. They raise a `DtypeError` for arrays that 
 Source: Sun & Chern (2026), minimal surfaces from a pair of holomorphic functions.
 """
 
-import numpy as np
 from jaxtyping import Complex, Float
 
-from spinor_geom.arrays import Array, namespace, place_of, square
+from spinor_geom.arrays import Array, namespace, square
 from spinor_geom.holomorphic.blocks import require_complex
 
 Values = Complex[Array, "*pts"]
@@ -59,16 +58,11 @@ def normal(p: Values, q: Values) -> Float[Array, "*pts 3"]:
 def gauss_map(p: Values, q: Values) -> Values:
     """Gauss map g = φ₃/(φ₁ − iφ₂) = −p/q = (n₁ + i n₂)/(1 − n₃), the normal projected stereographically from e₃.
 
-    It is meromorphic; at its poles q = 0, where n = e₃, the value is infinite.
+    It is meromorphic. At its poles, where q = 0 and n = e₃, it is infinite. With f = −2q² it is the Weierstrass data:
+    φ = (f(1 − g²)/2, i f(1 + g²)/2, f g).
     """
     require_complex(p=p, q=q)
     return -p / q
-
-
-def weierstrass_data(p: Values, q: Values) -> tuple[Values, Values]:
-    """Weierstrass data f = φ₁ − iφ₂ = −2q² and g = −p/q, so that φ = (f(1 − g²)/2, i f(1 + g²)/2, f g)."""
-    require_complex(p=p, q=q)
-    return -2 * q * q, gauss_map(p, q)
 
 
 def hopf_differential(p: Values, q: Values, dp: Values, dq: Values) -> Values:
@@ -89,12 +83,6 @@ def mean_curvature(tangents: Complex[Array, "*pts 3"], hopf: Values) -> Float[Ar
     """
     length, null = square(tangents).sum(-1), (tangents * tangents).sum(-1)
     return -2 * (hopf * null.conj()).real / (square(length) - square(null))
-
-
-def first_fundamental_form(p: Values, q: Values) -> Float[Array, "*pts 2 2"]:
-    """First fundamental form λ² I in the coordinates x, y of Ω."""
-    factor = square(conformal_factor(p, q))
-    return factor[..., None, None] * place_of(factor).put(np.eye(2))
 
 
 def second_fundamental_form(p: Values, q: Values, dp: Values, dq: Values) -> Float[Array, "*pts 2 2"]:

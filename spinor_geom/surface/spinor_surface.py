@@ -38,10 +38,6 @@ class SpinorSurface(ArraySurface, torch.nn.Module):
         """See `ArraySurface.mean_curvature`."""
         return self._evaluate(_mean_curvature, z)
 
-    @property
-    def _model_name(self) -> str:
-        return type(self.model.tracked if isinstance(self.model, ModelModule) else self.model).__name__
-
     def _evaluate(self, function: Callable[..., Array], *points: Points) -> Points:
         if isinstance(points[0], torch.Tensor):
             require_complex_points(points)

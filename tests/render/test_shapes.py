@@ -55,17 +55,11 @@ def test_a_mesh_as_pyvista_has_mean_curvature_and_its_own_attributes() -> None:
     np.testing.assert_array_equal(np.ravel(mesh.point_data["heat"]), sphere().vertices[:, 0])
 
 
-def test_trimesh_and_tensors_have_the_same_vertices_and_faces(enneper: PlateauSolution) -> None:
-    import torch
-
+def test_trimesh_has_the_same_vertices_and_faces(enneper: PlateauSolution) -> None:
     patch = spinor_geom.mesh_patch(enneper)
     made = patch.to_trimesh()
     np.testing.assert_array_equal(made.vertices, patch.vertices)
     np.testing.assert_array_equal(made.faces, patch.faces)
-    vertices, faces = patch.to_torch()
-    assert (vertices.dtype, faces.dtype) == (torch.float64, torch.int64)
-    np.testing.assert_array_equal(vertices.numpy(), patch.vertices)
-    assert torch.equal(enneper.to_torch()[1], faces)
     np.testing.assert_allclose(enneper.to_trimesh().vertex_normals, enneper.surface.normal(patch.points), atol=1e-9)
 
 

@@ -28,7 +28,7 @@ def points():
 
 
 def test_positions_are_those_of_the_surface(surface, points):
-    assert np.abs(surface.positions_inside(points) - surface.position(points)).max() < 1e-10
+    assert np.abs(surface.positions_inside(points)[0] - surface.position(points)).max() < 1e-10
 
 
 def test_positions_by_the_fast_sums(surface, points):
@@ -37,7 +37,7 @@ def test_positions_by_the_fast_sums(surface, points):
     inwards = 1j * BOUNDARY.derivative(t) / np.abs(BOUNDARY.derivative(t))
     many = np.concatenate([points, BOUNDARY.point(t) + 0.01 * inwards])
     few = many[::40]
-    np.testing.assert_allclose(surface.positions_inside(many)[::40], surface.position(few), rtol=0, atol=1e-10)
+    np.testing.assert_allclose(surface.positions_inside(many)[0][::40], surface.position(few), rtol=0, atol=1e-10)
 
 
 @pytest.mark.parametrize("depth", [0.3, 1e-2, 1e-4, 1e-8])
@@ -45,7 +45,7 @@ def test_points_near_the_boundary_lose_nothing(surface, depth):
     t = np.arange(7) / 7
     normal = 1j * BOUNDARY.derivative(t) / np.abs(BOUNDARY.derivative(t))
     z = BOUNDARY.point(t) + 0.1 * depth * normal
-    assert np.abs(surface.positions_inside(z) - surface.position(z)).max() < 1e-10
+    assert np.abs(surface.positions_inside(z)[0] - surface.position(z)).max() < 1e-10
 
 
 def test_a_domain_without_inner_vertices_has_its_constant_at_the_boundary():
@@ -60,4 +60,4 @@ def test_a_domain_without_inner_vertices_has_its_constant_at_the_boundary():
     z = np.array([0.5 + 0.5j, 0.9 + 0.2j, 0.01 + 0.99j])
     integral = np.sqrt(np.pi) / 2 * (erfi(z) - erfi(surface.root))
     expected = np.column_stack([integral.real, (-1j * integral).real, 0 * z.real])
-    assert np.abs(surface.positions_inside(z) - expected).max() < 1e-9
+    assert np.abs(surface.positions_inside(z)[0] - expected).max() < 1e-9
