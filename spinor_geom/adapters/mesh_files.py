@@ -25,15 +25,7 @@ from spinor_geom.adapters.stl import encode_stl, read_stl
 from spinor_geom.adapters.textures import Appearance, Companions, Texture, Textured
 from spinor_geom.adapters.threemf import encode_3mf, read_3mf
 from spinor_geom.adapters.vertex_data import append_attributes
-from spinor_geom.errors import (
-    MeshError,
-    MeshFileError,
-    NonFiniteVertexError,
-    PrecisionError,
-    UnknownMeshTypeError,
-    require,
-    require_type,
-)
+from spinor_geom.errors import MeshError, MeshFileError, NonFiniteVertexError, PrecisionError, require, require_type
 from spinor_geom.files import atomic_path, safe_name, together
 from spinor_geom.mesh.array_checks import nonfinite_rows, with_finite_rows
 from spinor_geom.mesh.topology import coincident_vertices
@@ -51,19 +43,18 @@ class Format(NamedTuple):
     holds_nan: bool = True  # whether positions may be NaN or infinite
 
 
-TEXTURED = (".obj", ".ply", ".glb")  # formats of new files with a texture
 _attributes = attrgetter("attributes")
-_NAN = "vertices that are NaN or infinite have the position of another one, because {suffix} files hold no such numbers"
+TEXTURED = (".obj", ".ply", ".glb")  # formats of new files with a texture
 FORMATS = {
     ".obj": Format(read_obj, encode_obj, lambda contents: ("color", "uv", "normal")),
     ".ply": Format(read_ply, encode_ply, names_in_ply),
     ".stl": Format(read_stl, encode_stl, lambda contents: ()),
     ".off": Format(read_off, encode_off, lambda contents: ("color",)),
     ".glb": Format(read_glb, encode_glb, names_in_glb, holds_nan=False),
-    ".vtp": Format(
-        partial(read_vtk, suffix=".vtp"), partial(encode_vtk, suffix=".vtp"), _attributes, ("pyvista",), False
-    ),
-    ".vtk": Format(partial(read_vtk, suffix=".vtk"), partial(encode_vtk, suffix=".vtk"), _attributes, ("pyvista",)),
+    **{
+        name: Format(partial(read_vtk, suffix=name), partial(encode_vtk, suffix=name), _attributes, ("pyvista",), nan)
+        for name, nan in ((".vtp", False), (".vtk", True))
+    },
     ".3mf": Format(read_3mf, encode_3mf, lambda contents: (), holds_nan=False),
 }
 
@@ -118,11 +109,6 @@ class MeshFile(Shown):
         """The faces of the file, with undivided quads and polygons."""
         return self.contents.polygons
 
-    @property
-    def polylines(self) -> tuple[Int[np.ndarray, " _"], ...]:
-        """The curves in the file, (k,) vertex indices each; a closed one ends with the vertex it begins with."""
-        return self.contents.polylines
-
     def extended(self, extension: MeshExtension) -> MeshFile:
         """A new file with vertices and faces appended. Raises as `extend`."""
         old = self.contents
@@ -174,7 +160,7 @@ class MeshFile(Shown):
             attributes=mesh.vertex_attributes,
             representatives=np.arange(len(mesh.vertices)),
             face_loops=None,
-            polylines=tuple(new_index[curve] for curve in self.polylines),
+            polylines=tuple(new_index[curve] for curve in self.contents.polylines),
             notes=(*self.notes, *notes),
             corner_uv=None,
             tint=None,
@@ -197,21 +183,19 @@ class MeshFile(Shown):
         """
         target = Path(path)
         suffix = known_suffix(target)
-        if self._splits(suffix):
-            return (*self._split().write(path), *self._colours_of_new_faces(f"{target}: "))
-        told, files, texture = self._appearance_in(suffix)
-        notes = [*self._left_out(suffix), *told]
+        file, notes = self._with_uv_for(suffix)
+        told, files, texture = file._appearance_in(suffix)
+        notes = [*file._left_out(suffix), *told, *notes]
         if texture is not None:
             name = safe_name([target.stem]) + PurePosixPath(texture.name).suffix
             texture = replace(texture, name=name)
-            appearance = Appearance(texture=texture)
-            data = encoded(replace(self.contents, appearance=appearance), suffix)
+            data = encoded(replace(file.contents, appearance=Appearance(texture=texture)), suffix)
             if suffix != ".glb":
                 files = {name: texture.data}
             if suffix == ".obj":
                 files[f"{safe_name([target.stem])}.mtl"] = material_library(texture)
         else:
-            data = self._encoded(suffix)
+            data = file._encoded(suffix)
         try:
             with together():
                 with atomic_path(target) as temporary:
@@ -250,13 +234,12 @@ class MeshFile(Shown):
             reason = "vertices have no texture coordinates of their own"
         return [*notes, *named.notes, f"the materials and textures are left out: {reason}"], {}, None
 
-    def textured(self) -> tuple[Texture, Float[np.ndarray, "f 3 2"]] | None:
+    def textured(self, largest: int) -> Textured | None:
         """The only texture, and its coordinates at the corners of the triangles of `mesh`, or None without a texture.
 
-        Raises a MeshFileError if there are several, or an image was not read.
+        Raises a MeshFileError if there are several, or an image was not read, and as `Texture.pixels`.
         """
-        contents = self.contents.split()
-        appearance = contents.appearance
+        contents, appearance = self.contents.split(), self.contents.appearance
         if appearance is None or contents.attributes.get("uv", np.zeros((0, 0))).shape[1] < 2:
             return None
         named = Companions.of(Path() if self.path is None else self.path.parent, appearance.names)
@@ -269,26 +252,21 @@ class MeshFile(Shown):
             )
         triangles, _ = contents.polygons.triangulated(contents.vertices)
         _, kept = close_seams(triangles, contents.representatives)
-        return texture, contents.attributes["uv"][triangles[kept], :2]
+        return texture.pixels(largest), contents.attributes["uv"][triangles[kept], :2]
 
-    def _splits(self, suffix: str) -> bool:
-        """Whether texture coordinates of corners become those of vertices when a format is written."""
-        return self.contents.corner_uv is not None and suffix in TEXTURED and not self._follows(suffix)
-
-    def _split(self) -> MeshFile:
-        return replace(self, contents=self.contents.split())
-
-    def _colours_of_new_faces(self, place: str = "") -> list[str]:
-        added = len(self.polygons) > self.read_sizes[1]
-        return [
-            f"{place}each new face has the colour of the nearest old vertex, because some have several {UV}"
-        ] * added
+    def _with_uv_for(self, suffix: str) -> tuple[MeshFile, list[str]]:
+        """The file with texture coordinates of corners at vertices, if a format needs that, and sentences about it."""
+        if self.contents.corner_uv is None or suffix not in TEXTURED or self._follows(suffix):
+            return self, []
+        note = f"each new face has the colour of the nearest old vertex, because some have several {UV}"
+        return replace(self, contents=self.contents.split()), [note] * (len(self.polygons) > self.read_sizes[1])
 
     def left_out(self, suffix: str) -> tuple[str, ...]:
         """A sentence for each attribute that a file of a format (such as ".ply") cannot hold, and as for `write`."""
-        if self._splits(suffix):
-            return (*self._split().left_out(suffix), *self._colours_of_new_faces())
-        return (*self._left_out(suffix), *self._appearance_in(suffix)[0]) if suffix in FORMATS else ()
+        if suffix not in FORMATS:
+            return ()
+        file, notes = self._with_uv_for(suffix)
+        return (*file._left_out(suffix), *file._appearance_in(suffix)[0], *notes)
 
     def _left_out(self, suffix: str) -> tuple[str, ...]:
         if self._follows(suffix):
@@ -297,7 +275,7 @@ class MeshFile(Shown):
         why = f"left out: {suffix} files do not support it, its name, or its number of columns"
         notes = [f"the attribute {name!r} is {why}" for name in self.contents.attributes if name not in kept]
         if not FORMATS[suffix].holds_nan and len(nonfinite_rows(self.contents.vertices)):
-            notes.append(_NAN.format(suffix=suffix))
+            notes.append(f"NaN and infinite positions are those of other vertices: {suffix} files hold no such numbers")
         if suffix == ".glb" and (offset := glb_offset(self.contents)).any():
             place = ", ".join(f"{x:.17g}" for x in offset.tolist())
             notes.append(f"the positions are relative to ({place}), the translation of the node, for lack of digits")
@@ -325,8 +303,11 @@ class MeshFile(Shown):
             may_be_single = np.array_equal(old.astype(np.float32), old, equal_nan=True)
         # only then may the file's own numbers be too short for the new vertices
         if may_be_single and not is_held_in_single_precision(self.contents, self.contents.vertices):
-            written = FORMATS[suffix].read(data)
-            if _count_of_positions(written) < _count_of_positions(self.contents):
+            held, wanted = (
+                len(np.unique(coincident_vertices(file.vertices)[file.polygons.corners]))
+                for file in (FORMATS[suffix].read(data), self.contents)
+            )
+            if held < wanted:
                 raise PrecisionError(suffix=suffix)
         return data
 
@@ -347,16 +328,10 @@ def _write_beside(folder: Path, name: str, content: bytes) -> list[str]:
     return []
 
 
-def _count_of_positions(contents: FileContents) -> int:
-    """The number of different positions of the corners of faces."""
-    return len(np.unique(coincident_vertices(contents.vertices)[contents.polygons.corners]))
-
-
 def encoded(contents: FileContents, suffix: str) -> bytes:
     """The bytes of a new file of a format. Raises as `MeshFile.write`."""
     if not FORMATS[suffix].holds_nan:
-        finite = with_finite_rows(contents.vertices, contents.polygons.corners)
-        contents = replace(contents, vertices=finite)
+        contents = replace(contents, vertices=with_finite_rows(contents.vertices, contents.polygons.corners))
     return FORMATS[suffix].encode(contents.with_colors(linear=suffix == ".glb"))
 
 
@@ -394,9 +369,8 @@ def read_mesh(path: str | os.PathLike[str]) -> MeshFile:
 def mesh_of_contents(contents: FileContents, suffix: str, *, path: Path | None = None) -> MeshFile:
     """The file with these contents, the vertices of STL merged; a MeshFileError if it has neither faces nor curves."""
     file = MeshFile.of_contents(contents, path=path)
-    if suffix == ".stl":
-        file = file.merged("rounding")
-    if len(file.polygons) == 0 and not file.polylines:
+    file = file.merged("rounding") if suffix == ".stl" else file
+    if len(file.polygons) == 0 and not contents.polylines:
         raise malformed("", "has vertices but no faces and no curves", "give a file with faces")
     return file
 
@@ -416,7 +390,7 @@ def path_in_errors(path: Path) -> Iterator[None]:
     except NonFiniteVertexError as error:
         place = ", ".join(filter(None, (str(path), error.fields["place"])))
         raise NonFiniteVertexError(vertex=error.fields["vertex"], face=error.fields["face"], place=place) from None
-    except (MeshFileError, MeshError, UnknownMeshTypeError) as error:
+    except (MeshFileError, MeshError) as error:
         place = error.fields.get("place", "")
         raise MeshFileError(f"{path}{', ' if place else ': '}{error}", path=path, place=place) from error
 
@@ -456,9 +430,8 @@ class MeshFileAdapter:
         return _opened(obj).merged(within)
 
     def textured(self, obj: Any, largest: int) -> Textured | None:
-        """The only texture of the file. Raises as `MeshFile.textured` and `Texture.pixels`."""
-        found = _opened(obj).textured()
-        return None if found is None else (found[0].pixels(largest), found[1])
+        """The only texture of the file. Raises as `MeshFile.textured`."""
+        return _opened(obj).textured(largest)
 
 
 def _opened(obj: MeshFile | str | os.PathLike[str]) -> MeshFile:

@@ -104,7 +104,9 @@ def test_merged_closes_a_soup_and_keeps_polygons_and_curves(tmp_path: Path) -> N
     merged.write(tmp_path / "merged.obj")
     back = read_mesh(tmp_path / "merged.obj")
     assert back.polygons.rows() == merged.polygons.rows()
-    assert [curve.tolist() for curve in back.polylines] == [curve.tolist() for curve in merged.polylines]
+    assert [curve.tolist() for curve in back.contents.polylines] == [
+        curve.tolist() for curve in merged.contents.polylines
+    ]
     assert "mtllib" not in (tmp_path / "merged.obj").read_text()
 
 

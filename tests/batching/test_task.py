@@ -119,7 +119,7 @@ def test_loops_alone_are_written_without_being_solved(
     if format == "npz":
         points = np.load(path, allow_pickle=False)["points"]
     else:
-        (curve,) = read_mesh(path).polylines
+        (curve,) = read_mesh(path).contents.polylines
         assert curve[0] == curve[-1]
         points = read_mesh(path).mesh.vertices[curve[:-1]]
     np.testing.assert_array_equal(points, circle(30, 8) + 3)
