@@ -63,23 +63,11 @@ def build_parser() -> argparse.ArgumentParser:
         epilog="exit status: 0: success; 1: finished, but some results need a check, see standard error; "
         f"{_UNUSABLE}; 130: interrupted. The help of each command defines its statuses 0 and 1.",
     )
-    parser.add_argument(
-        "--version", action=_Version, nargs=0, default=argparse.SUPPRESS, help="print the version and exit"
-    )
+    version = "print the version and exit"
+    parser.add_argument("--version", action=_Version, nargs=0, default=argparse.SUPPRESS, help=version)
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for add in (
-        _add_fill,
-        _add_edit,
-        _add_solve,
-        _add_membrane,
-        _add_loops,
-        _add_compare,
-        _add_reproduce,
-        _add_bench,
-        _add_batch,
-        _add_morph,
-        _add_pictures,
-    ):
+    surfaces = (_add_fill, _add_edit, _add_solve, _add_membrane, _add_loops, _add_compare)
+    for add in (*surfaces, _add_reproduce, _add_bench, _add_batch, _add_morph, _add_pictures):
         add(commands)
     return parser
 
@@ -119,7 +107,7 @@ def _with_merge_values(texts: Sequence[str]) -> list[str]:
     following = [*texts[1:], ""]
     return [
         f"{text}={_ROUNDING}"
-        if len(text) > 2 and _MERGE.startswith(text) and place < end and not _is_number(following[place])
+        if len(text) > 2 and _MERGE.startswith(text) and place < end and not _DECIMAL.fullmatch(following[place])
         else text
         for place, text in enumerate(texts)
     ]
@@ -136,14 +124,6 @@ def _with_joined_numbers(texts: Sequence[str]) -> list[str]:
         is_value = is_numbers and found[-1] in _OF_LOOPS
         found.append(text)
     return found[1:]
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
 
 
 def _suggestion(text: str, known: Sequence[str]) -> str:
@@ -202,6 +182,7 @@ _from_zero = _checked(float, "a number of at least 0", lambda x: 0 <= x < math.i
 _MOST_LOOPS = 1_000_000  # in a range
 _OF_LOOPS, _NUMBERS = ("--loop", "--film", "--smooth", "--bridge"), re.compile(r"\d[\d,-]*")  # options, their values
 _MERGE, _ROUNDING = "--merge", "rounding"  # the option, and its value if no number is given
+_DECIMAL = re.compile(r"[-+]?[\d.]+(e[-+]?\d+)?|nan|-?inf", re.IGNORECASE)
 _FORMATS = ", ".join(suffix[1:] for suffix in MESH_SUFFIXES)
 _FLAG: dict[str, Any] = {"action": "store_true"}
 _LENGTH: dict[str, Any] = {"metavar": "LENGTH", "type": _positive}
@@ -318,34 +299,20 @@ def _add_solve(commands: _Commands) -> None:
 
 
 def _add_film(add: Callable[..., Any], unit: str, seconds: float) -> None:
-    add(
-        "-o",
-        "--output",
-        **_path("OUT"),
-        required=True,
-        help=f"CAD file: .step, .stp, .igs, .iges or .brep; mesh file: {_FORMATS}",
-    )
+    formats = f"CAD file: .step, .stp, .igs, .iges or .brep; mesh file: {_FORMATS}"
+    add("-o", "--output", **_path("OUT"), required=True, help=formats)
     thick = "write a watertight mesh, the surface thickened by half of T to both sides (mesh units)"
     add("--thickness", **_LENGTH | {"metavar": "T"}, help=thick)
     add("--edge", choices=("rounded", "straight"), default="rounded", help="edge of the solid (default: %(default)s)")
     add("--edge-length", **_LENGTH, help="target edge length of a mesh (default: mean edge length of the curves)")
-    add(
-        "--tolerance",
-        metavar="T",
-        type=_positive,
-        help=f"largest RMS distance of the surface from the curves, in {unit}",
-    )
+    near = f"largest RMS distance of the surface from the curves, in {unit}"
+    add("--tolerance", metavar="T", type=_positive, help=near)
     patches = "largest distance of the patches from the surface, in diagonals of the curves (default: %(default)s)"
     add("--deviation", metavar="D", type=_positive, default=1e-6, help=patches)
-    late = (
-        "seconds for the surface, and as many for its patches; the best ones so far are written (default: %(default)g)"
-    )
+    late = "seconds for the surface, and as many for its patches, the best of which are written (default: %(default)g)"
     add("--time-limit", **_SECONDS, default=seconds, help=late)
-    add(
-        "--unit",
-        choices=("mm", "cm", "m", "in"),
-        help="unit of curves and meshes (default: mm); CAD files contain theirs",
-    )
+    unit_of = "unit of curves and meshes (default: mm); CAD files contain theirs"
+    add("--unit", choices=("mm", "cm", "m", "in"), help=unit_of)
 
 
 def _add_membrane(commands: _Commands) -> None:

@@ -14,10 +14,11 @@ from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Complex, Float
+from jaxtyping import Bool, Complex, Float, Inexact
 from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike
 
+from spinor_geom.arrays import EPS
 from spinor_geom.domain.plane_domain import TOWARDS_CORNER, PlaneDomain, SplineBoundary
 from spinor_geom.domain.quadrature import rule
 from spinor_geom.errors import OptionError, SurfaceError
@@ -31,15 +32,13 @@ from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution
 from spinor_geom.plateau.stability import Stability
 from spinor_geom.surface.array_surface import PATH_ORDER, ArraySurface
 
-# Relative to the diagonal: distance of an end from its plane that is rounding, and length of a free edge that ends
-# nowhere. Sines of angles: a curve at a smaller angle to the normal of its plane has no corner there. A film that is
-# farther from the right angle is not symmetric.
+# Relative to the diagonal: largest distance of an end from its plane, and length of a free edge that ends nowhere.
 _ON_PLANE, _LONGEST = 1e-6, 20.0
-_STRAIGHT, _ASKEW = 0.02, 1e-3
+# Sine of the angle up to which curves and films are orthogonal to a plane: curves without a corner in their reflection.
+_ORTHOGONAL = 0.02
 _END_POINTS = 6  # of a curve for the polynomial whose derivative is the tangent at its end
 _STEP = 0.01  # along a free edge, relative to the diagonal
 _PIECES = 24  # of a free edge
-_ACCURACY = 1e-11  # of parameters
 _NEWTON = 5  # steps
 _FADING = 8  # power of the distance from the other end with which displacements of an end decrease
 
@@ -128,7 +127,7 @@ def _turns(points: Float[np.ndarray, "m 3"], corners: np.ndarray, place: int, no
     near = points[: min(_END_POINTS, int(inner[0]) + 2 if len(inner) else len(points))]
     t = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(near, axis=0), axis=1)))
     slope = np.array([Polynomial.fit(t, axis, len(t) - 1).deriv()(0.0) for axis in near.T])
-    return bool(np.linalg.norm(np.cross(slope, normal)) > _STRAIGHT * np.linalg.norm(slope))
+    return bool(np.linalg.norm(np.cross(slope, normal)) > _ORTHOGONAL * np.linalg.norm(slope))
 
 
 def open_curves(what: Any) -> list[OpenCurve]:
@@ -180,7 +179,7 @@ class _Curve:
     """Polynomial pieces of a curve: its values at the `piece_places` of pieces of given widths."""
 
     widths: Float[np.ndarray, " m"]
-    values: Float[np.ndarray, "d m _"]
+    values: Inexact[np.ndarray, "d m *k"]  # complex, or positions
     corners: Bool[np.ndarray, " m"]  # which pieces start at a corner
 
 
@@ -234,11 +233,6 @@ class _Placed:
         raise SurfaceError("the boundary of the film does not contain the given curves")
 
     @property
-    def ends(self) -> Complex[np.ndarray, "2"]:
-        """Its ends in Ω."""
-        return self.rim.boundary.point(np.array(self.t))
-
-    @property
     def side(self) -> _Side:
         curve, boundary = self.rim.curve, self.rim.boundary
         (t, of_plane), (s, of_space) = _cut(boundary.parameters, self.t), _cut(curve.breaks, self.s)
@@ -252,7 +246,7 @@ class _Placed:
         pairs = np.vstack([[self.t[0], self.s[0]], pairs[inside]])
         return _Side(
             length=length,
-            plane=_Curve(widths=np.diff(t) * by_t, values=_pairs_of(z), corners=boundary.corners[of_plane]),
+            plane=_Curve(widths=np.diff(t) * by_t, values=z, corners=boundary.corners[of_plane]),
             space=_Curve(widths=np.diff(s) * rate, values=curve.point(at), corners=curve.corners[of_space]),
             slopes=curve.derivative(at) / rate,
             ends=curve.point(np.array(self.s)),
@@ -265,13 +259,10 @@ def _cut(breaks: Float[np.ndarray, " m1"], ends: tuple[float, float]) -> tuple[F
     """The ends of pieces in an interval, and the numbers of these pieces."""
     m = len(breaks) - 1
     starts = (breaks[:-1] + np.arange(-1, 3)[:, None]).ravel()
-    inside = np.flatnonzero((starts > ends[0] + _ACCURACY) & (starts < ends[1] - _ACCURACY))
-    first = int(np.searchsorted(starts, ends[0] + _ACCURACY)) - 1
+    rounding = EPS**0.5
+    inside = np.flatnonzero((starts > ends[0] + rounding) & (starts < ends[1] - rounding))
+    first = int(np.searchsorted(starts, ends[0] + rounding)) - 1
     return np.array([ends[0], *starts[inside], ends[1]]), np.append(first, inside) % m
-
-
-def _pairs_of(z: Complex[np.ndarray, "*n"]) -> Float[np.ndarray, "*n 2"]:
-    return np.stack([z.real, z.imag], axis=-1)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -291,7 +282,7 @@ class _Part:
         sides, whole, surface = self._sides(), self.whole, self._surface
         starts = np.append(0.0, np.cumsum([side.length for side in sides]))
         breaks, values, corners = _chained([side.plane for side in sides], starts)
-        plane = through(values, np.diff(breaks))
+        plane = through(np.stack([values.real, values.imag], axis=-1), np.diff(breaks))
         boundary = SplineBoundary(breaks, plane[..., 0] + 1j * plane[..., 1], corners)
         domain = PlaneDomain.inside(boundary)
         breaks, values, corners = _chained([side.space for side in sides], starts)
@@ -330,11 +321,13 @@ class _Part:
             left.remove(at)
             own = placed[at]
             sides.append(own.side)
-            plane, z = own.planes[1], complex(own.ends[1])
-            before = complex(own.rim.boundary.derivative(np.array(np.nextafter(own.t[1] + 1, 0))))
+            boundary, plane = own.rim.boundary, own.planes[1]
+            z = complex(boundary.point(np.array(own.t[1])))
+            before = complex(boundary.derivative(np.array(np.nextafter(own.t[1] + 1, 0))))
             reached = None
             while reached is None:
-                targets = {k: complex(one.ends[0]) for k, one in enumerate(placed) if one.planes[0] == plane}
+                starts = {k: one for k, one in enumerate(placed) if one.planes[0] == plane}
+                targets = {k: complex(one.rim.boundary.point(np.array(one.t[0]))) for k, one in starts.items()}
                 path, reached, other = self._traced(z, before, plane, targets)
                 sides.append(self._free_side(path, plane))
                 if other is not None:
@@ -379,10 +372,7 @@ class _Part:
             half = z + 0.5 * sign * step * ahead(z)
             new = z + sign * step * ahead(half)
             moved = position + self._integral(np.array([z]), np.array([new]))[0].real
-            shift = -self.planes.heights(moved)[plane] / complex(
-                surface.null_curve(np.array([new]))[0] @ normals[plane]
-            )
-            new += shift
+            new += 1j * ahead(new) * self.planes.heights(moved)[plane]
             heights = self.planes.heights(position), self.planes.heights(moved)
             crossed = [k for k in others if heights[0][k] * heights[1][k] < 0 and number]
             if crossed:
@@ -423,10 +413,8 @@ class _Part:
         for _ in range(_NEWTON):
             moved = self._integral(path[near], z)
             z = z + (wanted - f[near] - moved @ normal) / (surface.null_curve(z) @ normal)
-        if np.abs(surface.normal(z[_PIECES:-_PIECES]) @ normal).max() > _ASKEW:
-            raise SurfaceError(
-                "the film does not meet the planes at right angles: it has less symmetry than its curves"
-            )
+        if np.abs(surface.normal(z[_PIECES:-_PIECES]) @ normal).max() > _ORTHOGONAL:
+            raise SurfaceError("the film is not orthogonal to the planes: it has less symmetry than its curves")
         phi = surface.null_curve(z)
         r = start + (along[near] + self._integral(path[near], z)).real
         slopes = (phi * (1j * np.sign(f[-1].imag) / (phi @ normal))[:, None]).real
@@ -437,7 +425,7 @@ class _Part:
         widths = np.full(_PIECES, length / _PIECES)
         return _Side(
             length=length,
-            plane=_Curve(widths=widths, values=_pairs_of(z.reshape(shape)), corners=is_first),
+            plane=_Curve(widths=widths, values=z.reshape(shape), corners=is_first),
             space=_Curve(widths=widths, values=r.reshape(*shape, 3), corners=is_first),
             slopes=slopes.reshape(*shape, 3),
             ends=np.stack([r[0], (start + along[-1].real - away[1] * normal)[0]]),
@@ -450,7 +438,7 @@ class _Part:
 
 def _chained(
     curves: Sequence[_Curve], starts: Float[np.ndarray, " k1"]
-) -> tuple[Float[np.ndarray, " m1"], Float[np.ndarray, "d m _"], Bool[np.ndarray, " m"]]:
+) -> tuple[Float[np.ndarray, " m1"], Inexact[np.ndarray, "d m *k"], Bool[np.ndarray, " m"]]:
     """The breaks on [0, 1], the values and the corners of a closed curve of several."""
     breaks = [start + np.append(0.0, np.cumsum(one.widths)[:-1]) for one, start in zip(curves, starts, strict=False)]
     corners = [np.append(True, one.corners[1:]) for one in curves]
