@@ -27,8 +27,8 @@ from spinor_geom.errors import (
 )
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.loop_choice import boundary_loops
-from spinor_geom.mesh.topology import is_watertight
 from spinor_geom.render.portrait import Portrait
+from tests.closed import is_watertight
 from tests.fill.shapes import folded_quad, tube
 
 Pair = tuple[np.ndarray, np.ndarray]

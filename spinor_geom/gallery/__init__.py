@@ -3,7 +3,6 @@
 from spinor_geom.gallery.chart import Chart as Chart
 from spinor_geom.gallery.curves import ellipse as ellipse
 from spinor_geom.gallery.curves import harmonics as harmonics
-from spinor_geom.gallery.curves import helical_ramp as helical_ramp
 from spinor_geom.gallery.curves import horseshoe as horseshoe
 from spinor_geom.gallery.curves import l_shape as l_shape
 from spinor_geom.gallery.curves import plane_polygon as plane_polygon

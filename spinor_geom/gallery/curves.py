@@ -226,35 +226,10 @@ def horseshoe(
     return _outline(radius, half_width, turn, twist=twist, name=name, source=source)
 
 
-def helical_ramp(
-    turns: float = 2.0, *, radius: float = 3.0, half_width: float = 0.35, pitch: float = 2.0
-) -> KnownCurve:
-    """The outline of a helical ramp: two helices around an axis, and two straight ends.
-
-    R is the radius of the middle line, h half the width; the pitch is the rise per turn, c the rise per radian. The
-    minimal disk is a helicoid, of area turn·½(ρ√(ρ² + c²) + c² asinh(ρ/c)) between ρ = R − h and R + h. It is stable at
-    any length: its normal is nowhere horizontal, so the vertical shift is a positive Jacobi field.
-    """
-    require_positive("turns", turns)
-    require_positive("pitch", pitch)
-    if not 0 < half_width < radius < math.inf:
-        raise OptionError(f"a helical ramp needs 0 < half_width < radius, got {half_width} and {radius}")
-    c = pitch / (2 * math.pi)
-
-    def inside(rho: float) -> float:
-        return (rho * math.hypot(rho, c) + c**2 * math.asinh(rho / c)) / 2
-
-    turn = 2 * math.pi * turns
-    area = turn * (inside(radius + half_width) - inside(radius - half_width))
-    name, source = f"helical ramp of {turns:g} turns", "Meusnier (1776), the helicoid"
-    outline = _outline(radius, half_width, turn, rise=pitch * turns, name=name, source=source)
-    return replace(outline, disks=(KnownDisk(area=area, stable=True, relative_error=1e-14),))
-
-
 def _outline(
-    radius: float, h: float, turn: float, *, rise: float = 0.0, tilt: float = 0.0, twist: float = 0.0, **known: str
+    radius: float, h: float, turn: float, *, tilt: float = 0.0, twist: float = 0.0, **known: str
 ) -> KnownCurve:
-    """The outline of the strip x + iy = (R + v cos ψ)e^{iθ}, z = v sin ψ + rise·u, −h ≤ v ≤ h, 0 ≤ u ≤ 1.
+    """The outline of the strip x + iy = (R + v cos ψ)e^{iθ}, z = v sin ψ, −h ≤ v ≤ h, 0 ≤ u ≤ 1.
 
     θ = turn·u is the angle around the axis, ψ = tilt + twist·u the slope.
     """
@@ -270,8 +245,7 @@ def _outline(
         ]
         out, first, second = radius + across[0].real, across[1].real, across[2].real
         plane = [out, first + turned * out, second + 2 * turned * first + turned**2 * out]
-        heights = [across[0].imag + rise * u, across[1].imag + rise * du, across[2].imag]
-        points = zip((one * around for one in plane), heights, strict=True)
+        points = zip((one * around for one in plane), (one.imag for one in across), strict=True)
         return np.stack([np.stack([xy.real, xy.imag, z], axis=-1) for xy, z in points])
 
     return image_of_polygon(np.array([(0, h), (1, h), (1, -h), (0, -h)]), strip, **known)

@@ -104,15 +104,10 @@ def boundary_edges(faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, "b 2"]:
     return np.stack([half_edges.origin[half_edges.boundary], half_edges.target[half_edges.boundary]], axis=1)
 
 
-def is_watertight(faces: Int[np.ndarray, "f 3"]) -> bool:
-    """Whether there are faces and every edge has exactly two, of opposite directions."""
-    return HalfEdges.of(faces).is_closed
-
-
 def is_watertight_with(
     faces: Int[np.ndarray, "f 3"], unclosed: Bool[np.ndarray, " v"], added: Int[np.ndarray, "g 3"]
 ) -> bool:
-    """`is_watertight` of the faces of a mesh and added ones, whose vertices may be new.
+    """`HalfEdges.is_closed` of the faces of a mesh and added ones, whose vertices may be new.
 
     `unclosed` contains the vertices of all edges that do not have exactly two faces of opposite directions.
     """

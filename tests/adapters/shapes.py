@@ -12,8 +12,8 @@ from spinor_geom.adapters import MeshFile, read_mesh
 from spinor_geom.adapters.contents import FileContents
 from spinor_geom.adapters.glb_container import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, GlbContainer
 from spinor_geom.adapters.mesh_files import path_in_errors
-from spinor_geom.mesh.topology import is_watertight
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
+from tests.closed import is_watertight
 
 DATA = Path(__file__).parents[2] / "data"
 

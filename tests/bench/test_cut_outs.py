@@ -14,8 +14,9 @@ from spinor_geom.bench.odd_holes import odd_holes
 from spinor_geom.bench.run_tables import pieces_of, scale_of
 from spinor_geom.bench.runner import Settings, measure
 from spinor_geom.mesh.find_loops import find_boundary_loops
-from spinor_geom.mesh.topology import is_disk, is_watertight
+from spinor_geom.mesh.topology import is_disk
 from tests.bench.test_run import in_this_process
+from tests.closed import is_watertight
 
 DATA = Path(__file__).parents[2] / "data"
 SHIPPED = ("spot_cut.obj", "mountain.obj", "demosthenes_low_res.obj")

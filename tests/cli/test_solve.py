@@ -8,7 +8,7 @@ import pytest
 from spinor_geom.adapters import read_mesh
 from spinor_geom.cli.main import _with_joined_numbers, main
 from spinor_geom.mesh.find_loops import find_boundary_loops
-from spinor_geom.mesh.topology import is_watertight
+from tests.closed import is_watertight
 from tests.fill.shapes import tube
 
 

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from scipy.sparse import csc_array
 
-from spinor_geom import gallery
 from spinor_geom.discrete.first_fill import unfolded_loop
 from spinor_geom.discrete.minimal_surface import first_disk
 from spinor_geom.discrete.strip import discrete_annulus
@@ -15,6 +14,7 @@ from spinor_geom.domain.flattening import DirichletToNeumann, dirichlet_to_neuma
 from spinor_geom.domain.polygons import is_simple
 from spinor_geom.domain.triangulation import triangulate_polygon
 from spinor_geom.errors import DomainError
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from tests.loops import L_SHAPE, figure_eight, noisy_ellipse, planar, ramp
 from tests.plateau.rims import ring
 from tests.strategies import smooth_loops
@@ -156,10 +156,24 @@ def test_boundary_that_stays_crossed_is_refused():
         flatten_boundary(np.abs(sides), turning, operator(np.zeros((80, 80))), clearance=1.0)
 
 
+def helical_ramp(turns):
+    """The outline of a ramp of radius 3, width 0.7 and pitch 2: two helices and two straight ends."""
+    share = np.arange(77) / 76
+    inner, outer = (
+        np.column_stack(
+            [r * np.cos(2 * np.pi * turns * share), r * np.sin(2 * np.pi * turns * share), 2 * turns * share]
+        )
+        for r in (2.65, 3.35)
+    )
+    middles = [(inner[k] + outer[k])[None] / 2 for k in (-1, 0)]
+    points = np.concatenate([outer, middles[0], inner[::-1], middles[1]])
+    return BoundaryLoop.from_points(points, corners=[0, 76, 78, 154])
+
+
 @pytest.mark.parametrize("turns", [1.2, 1.3, 2.0])
 def test_straightened_boundary_has_no_teeth(turns):
     """The ramp's outer helix leaves ears in its first fill, whose slivers must not make the boundary jagged."""
-    loop = gallery.helical_ramp(turns).sample(160)
+    loop = helical_ramp(turns)
     polygon = unfolded_loop(loop.points)
     turning = np.abs(np.angle(np.roll(np.roll(polygon, -1) - polygon, 1).conj() * (np.roll(polygon, -1) - polygon)))
     assert turning[~loop.corners].max() < 0.2

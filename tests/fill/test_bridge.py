@@ -10,8 +10,8 @@ from spinor_geom.fill.bridges import find_islands, lies_in
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.find_loops import find_boundary_loops
-from spinor_geom.mesh.topology import is_watertight
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from tests.closed import is_watertight
 from tests.fill.shapes import together
 from tests.systems import every_second
 

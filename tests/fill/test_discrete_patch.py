@@ -20,10 +20,10 @@ from spinor_geom.fill.no_holes import require_area
 from spinor_geom.fill.solved_loops import solved_loop
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import face_areas
-from spinor_geom.mesh.topology import is_watertight
 from spinor_geom.meshing import triangulate
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.solve import solve_plateau_batch
+from tests.closed import is_watertight
 from tests.fill.shapes import collar, cone
 
 

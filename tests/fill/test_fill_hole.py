@@ -19,9 +19,9 @@ from spinor_geom.fill import fill_loop
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.loop_choice import boundary_loops
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.topology import is_watertight
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.plateau import Cauchy, solve_plateau
+from tests.closed import is_watertight
 from tests.fill.shapes import as_mesh, folded_quad, tube
 from tests.validity import validate
 

@@ -10,8 +10,9 @@ import pytest
 from spinor_geom.adapters import read_mesh
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.loop_choice import boundary_loops
-from spinor_geom.mesh.topology import is_watertight, near_vertices
+from spinor_geom.mesh.topology import near_vertices
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from tests.closed import is_watertight
 from tests.fill.shapes import obj_text, together
 
 Mesh = tuple[np.ndarray, np.ndarray]

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from spinor_geom.fill.patched_mesh import LoopPatch, PatchedMesh, patch_chords, split_chords, stitch
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.find_loops import find_boundary_loops
-from spinor_geom.mesh.topology import is_watertight
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
 from spinor_geom.meshing.embed import Patch
+from tests.closed import is_watertight
 from tests.fill.shapes import as_mesh, cone, fan, folded_quad, on_circle, tube, undirected_edges
 from tests.strategies import holed_disks, ragged_meshes
 from tests.validity import validate

@@ -9,7 +9,7 @@ import pytest
 
 from spinor_geom.adapters import read_mesh
 from spinor_geom.fill.fill_hole import fill_hole
-from spinor_geom.mesh.topology import is_watertight
+from tests.closed import is_watertight
 from tests.fill.shapes import tube
 
 

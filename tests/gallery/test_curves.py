@@ -22,7 +22,6 @@ CURVES = [
     gallery.l_shape(rise=0.25),
     gallery.slit(bend=1.0),
     gallery.horseshoe(),
-    gallery.helical_ramp(1.3),
 ]
 by_name = pytest.mark.parametrize("curve", CURVES, ids=lambda curve: curve.name)
 
@@ -112,8 +111,6 @@ def test_l_shape_has_one_reflex_corner_and_lies_on_its_saddle():
         lambda: gallery.slit(bend=7.0),
         lambda: gallery.horseshoe(half_width=1.0),
         lambda: gallery.horseshoe(turn=2 * np.pi),
-        lambda: gallery.helical_ramp(0.0),
-        lambda: gallery.helical_ramp(radius=0.3, half_width=0.3),
     ],
 )
 def test_impossible_curves_are_refused(bad):

@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.find_loops import find_boundary_loops
 from spinor_geom.mesh.loop_frame import first_point
-from spinor_geom.mesh.topology import boundary_edges, face_components, is_watertight
+from spinor_geom.mesh.topology import boundary_edges, face_components
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from tests.closed import is_watertight
 from tests.strategies import SEEDS, RigidMotion, ragged_meshes, rigid_motions
 
 

@@ -13,10 +13,10 @@ from spinor_geom.mesh.topology import (
     HalfEdges,
     coincident_vertices,
     face_components,
-    is_watertight,
     is_watertight_with,
     referenced_vertices,
 )
+from tests.closed import is_watertight
 from tests.strategies import SEEDS
 
 

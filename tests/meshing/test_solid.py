@@ -8,7 +8,7 @@ import pytest
 
 from spinor_geom import BoundaryLoop, PlateauSolution, gallery, read_mesh, solve_plateau
 from spinor_geom.errors import OptionError
-from spinor_geom.mesh.topology import is_watertight
+from tests.closed import is_watertight
 
 
 def circle(z: float) -> BoundaryLoop:

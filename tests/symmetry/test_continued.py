@@ -8,7 +8,8 @@ from scipy.special import ellipk
 
 from spinor_geom import ContinuedSurface, OpenCurve, PlateauSolution, gallery, solve_plateau
 from spinor_geom.errors import OptionError
-from spinor_geom.mesh.topology import HalfEdges, boundary_edges, is_watertight
+from spinor_geom.mesh.topology import HalfEdges, boundary_edges
+from tests.closed import is_watertight
 
 ORIGIN = np.zeros(3)
 K, K_PRIME = ellipk(0.25), ellipk(0.75)
