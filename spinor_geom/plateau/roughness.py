@@ -13,7 +13,6 @@ from spinor_geom.mesh.interpolation import missed
 _MISSED, _HARDLY_LESS = 0.05, 0.75
 # Above this share of an edge no smooth curve was met over 14 rims of meshes that have no surface through their points.
 _RAGGED = 0.5
-_STRAIGHT = 1e-4  # largest turn on a straight side, for coordinates in float32
 FEW_POINTS = 8  # a loop of at most this many points is a polygon, not samples of a curve
 ROUGH_GRADIENT = 3e-2  # relative gradient to stop at on rough loops, as a share of the tolerance
 
@@ -54,10 +53,11 @@ def is_ragged(loop: BoundaryLoop) -> bool:
 def has_stray_corners(loop: BoundaryLoop) -> bool:
     """Whether corners were only detected, and the sides between them are not smooth, so that Γ need not have them.
 
-    Smooth sides are straight, or have points that their neighbours predict.
+    Smooth sides are straight up to rounding to float32, or have points that their neighbours predict.
     """
     corners = np.count_nonzero(loop.corners)
     if loop.corners_given or not corners:
         return False
-    is_straight = len(loop) > corners and turning_angles(loop.points)[~loop.corners].max() <= _STRAIGHT
+    rounding = float(np.finfo(np.float32).eps) ** 0.5
+    is_straight = len(loop) > corners and turning_angles(loop.points)[~loop.corners].max() <= rounding
     return not (is_straight or have_predicted_sides(loop.points, loop.corners))

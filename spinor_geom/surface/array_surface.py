@@ -203,10 +203,7 @@ class ArraySurface(Shown):
         return float(np.linalg.norm(self.periods().real, axis=1).max(initial=0.0))
 
     def branch_points(self) -> tuple[branch.BranchPoint, ...]:
-        """Common zeros of p and q in Ω, where the surface is not an immersion.
-
-        Raises the errors of `find_zeros`: ZeroOnContourError and UnplacedZerosError.
-        """
+        """Common zeros of p and q in Ω, where the surface is not an immersion. Raises as `find_zeros`."""
         return branch.branch_points(self._single_valued, self.null_curve, self.domain)
 
     def spinor_zeros(self) -> tuple[tuple[Zero, ...], tuple[Zero, ...]]:
@@ -236,8 +233,8 @@ class ArraySurface(Shown):
             worst = int(np.linalg.norm(moved, axis=1).argmax())
             if np.linalg.norm(moved[worst]) > _CLOSED * self.area() ** 0.5:
                 raise PeriodError(angle=angle, around=f"hole {worst} of the domain", period=moved[worst].tolist())
-        half = complex(cis(np.array(angle / 2)))
-        return self._over(copy.deepcopy(self.model), half * self.spinor_map, self.constant)
+        half = complex(cis(np.array(angle / 2))) * self.spinor_map
+        return self._over(copy.deepcopy(self.model), half, self.constant)
 
     def transform(
         self: S, rotation: ArrayLike | Array | None = None, scale: float = 1.0, translation: Vector = (0.0, 0.0, 0.0)
@@ -302,7 +299,8 @@ class ArraySurface(Shown):
                 place = place_of(points[0])
                 value: Points = function(self if place_of(self.constant) == place else self.at(place), *points)
                 return value
-            return cast(Points, to_numpy(function(self, *(place_of(self.constant).put(_complex(z)) for z in points))))
+            found: Any = to_numpy(function(self, *(place_of(self.constant).put(_complex(z)) for z in points)))
+            return cast(Points, found)
 
     def at(self, place: Place) -> ArraySurface:
         """The surface with its arrays converted to a `Place`."""
