@@ -3,7 +3,7 @@
 import csv
 import html
 import io
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from statistics import median
@@ -19,19 +19,12 @@ from spinor_geom.bench.plots import plots
 from spinor_geom.bench.promises import Promise, bend_ratios, crossings, is_whole, names, promises
 from spinor_geom.bench.runner import METHODS, VIEWS, Run
 from spinor_geom.files import together, write_text
-from spinor_geom.render.page import Table, Views, cell, document
+from spinor_geom.render.page import Table, Views, document
 from spinor_geom.render.scene import Faces, Scale, Scene
 
 PAGE, CSV = "report.html", "records.csv"
 LOCAL = ("key", "data", "view", "repeat", "output", "seconds_all")  # fields that the CSV leaves out
 _GAP = 1.15  # distance between the pieces of a view, per width
-_FIELDS = (
-    *("n", "seconds", "memory_mib", "closed", "area_error", "limit_error", "area_excess", "surface_distance_max"),
-    *("residual_per_edge", "exact_curvature_median", "triangles", "mesh_area_error", "distance_max", "curvature_rms"),
-    *("min_angle", "rim_kept", "open_edges", "old_faces_kept", "crossings", "mesh_crossings", "nonmanifold_edges"),
-    *("converged", "rim_distance", "faces", "file_kib", "valid", "message"),
-)
-"""The columns of the suites' tables; the CSV has all fields."""
 _short = partial(shorten, width=160, placeholder="…")
 
 
@@ -71,7 +64,8 @@ def page_text(run: Run) -> str:
         *(plot.html() for plot in plots(run.records)),
         summary.html(),
         *(["<h2>Cut-outs</h2><p>Drag to turn, wheel to zoom.</p>", *figures] if figures else []),
-        "<h2>Figures</h2><p>A row in red leaves edges open without reporting it.</p>",
+        "<h2>Tables</h2><p>A row in red leaves edges open without reporting it. "
+        f"The figures of each measurement are in {CSV}.</p>",
         *(table.html() for table in (*others, option_table())),
         f"<h2>Promises</h2><details><summary>{html.escape(promised.note)}</summary>{promised.html()}</details>",
         *([views.script()] if figures else []),
@@ -110,10 +104,9 @@ def scale_of(pieces: Mapping[str, Faces]) -> Scale:
 
 def tables(records: Sequence[Record]) -> list[Table]:
     """The tables of a run that have rows, the summary first."""
-    of = {suite: [r for r in records if r["suite"] == suite] for suite in names(records, "suite")}
-    odd, cut_outs = ([r for r in of.pop(suite, []) if r["status"] != "missing"] for suite in ("odd", "cut-outs"))
-    suites = (suite_table(suite, here) for suite, here in of.items())
-    every = (odd_table(odd), filler_table(cut_outs), *suites, trouble_table(records))
+    there = [r for r in records if r["status"] != "missing"]
+    odd, cut_outs = ([r for r in there if r["suite"] == suite] for suite in ("odd", "cut-outs"))
+    every = (odd_table(odd), filler_table(cut_outs), trouble_table(records))
     return [summary_table(records), *(table for table in every if table.rows)]
 
 
@@ -156,18 +149,6 @@ def summary_table(records: Sequence[Record]) -> Table:
 
 def _count(met: Sequence[bool]) -> str:
     return f"{sum(met)} of {len(met)}" if met else ""
-
-
-def suite_table(suite: str, records: Iterable[Record]) -> Table:
-    """One row for each record of status "done"."""
-    shown = []
-    for record in (r for r in records if r["status"] == "done"):
-        message = _short(record.get("message") or record.get("output") or "")
-        closed = (left_open(record) or "yes") if "open_rim_edges" in record else None
-        shown.append({**record, "closed": closed, "message": message})
-    fields = [name for name in _FIELDS if any(record.get(name) not in (None, "") for record in shown)]
-    rows = [(Path(r["case"]).name, str(r["method"]), *(cell(r.get(name)) for name in fields)) for r in shown]
-    return Table(title=f"Suite {suite}", columns=("case", "method", *(n.replace("_", " ") for n in fields)), rows=rows)
 
 
 def left_open(record: Record) -> str:

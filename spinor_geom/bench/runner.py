@@ -105,16 +105,12 @@ def _cut_outs(settings: Settings) -> Iterable[str]:
     return (*CAPS, *WINDOWS, *scan_names(settings.data))
 
 
-def _mesh_files(settings: Settings) -> Iterable[str]:
-    return () if settings.data is None else map(str, mesh_files(settings.data, settings.cases))
-
-
 SUITES: Mapping[str, Suite] = {
     "disks": Suite(_known_cases, LOOP_METHODS, quick=lambda _: _QUICK, repeat=None, points=_loop_points),
     "fills": Suite(lambda _: KNOWN, FILLERS, quick=lambda _: _QUICK[:1], repeat=None, points=_hole_points),
     "odd": Suite(lambda _: odd_holes(), FILLERS),
     "cut-outs": Suite(_cut_outs, SMOOTHEST, quick=lambda _: ("icosphere-3-0.7", "torus-outside-0.4"), repeat=1),
-    "meshes": Suite(_mesh_files, FILLERS, quick=lambda _: ()),
+    "meshes": Suite(lambda s: map(str, mesh_files(s.data, s.cases) if s.data else ()), FILLERS, quick=lambda _: ()),
     "reports": Suite(lambda _: reported_holes(), REPORTED, quick=lambda cases: cases[:: len(cases) // 8], repeat=1),
     "cad": Suite(lambda _: FRAMES, FRAME_METHODS, quick=lambda _: FRAMES[1:4:2], repeat=1),
 }

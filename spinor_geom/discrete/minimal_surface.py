@@ -34,8 +34,8 @@ from spinor_geom.shown import Shown, shortened
 
 FINE_CHANGE = 1e-8
 _FINE_GROWTH = 0.15
-_MOST_STRETCHED = 4.0  # times the mean stretch from the plane; a larger one does not refine the mesh further
-_STEPS = 10  # of a descent, each with a factorisation; most descents take fewer
+_MOST_STRETCHED = 4.0  # times the mean stretch from the plane. A larger one does not refine the mesh further
+_STEPS = 10  # of a descent, each with a factorisation. Most descents take fewer
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -43,7 +43,7 @@ class DiscreteMinimalSurface(Shown):
     """A triangulated disk or annulus whose boundary is a loop or two, and whose discrete mean curvature is zero.
 
     Attributes:
-        vertices: (n, 3), mesh units; the loops' points come first, bit for bit.
+        vertices: (n, 3), mesh units. The loops' points come first, bit for bit.
         faces: (f, 3), counter-clockwise about the loop.
         boundary_size: number of loop points, of all loops together.
         area: total area of the triangles.
@@ -83,7 +83,7 @@ def discrete_minimal_surface(
     domain, remeshed there, and minimised by Newton's method until no motion along the vertex normals changes the area.
     Tangential motions are excluded, as they degrade the triangles: on Enneper's surface with rims of 48 and 64 points
     they would lower the area by 0.1 to 0.3 % and the smallest angle from 33° to 16°. Edges are as long as the loop's
-    near it and grow inwards; for an area that converges with the loop's edge length give `target_edge_length`.
+    near it and grow inwards. For an area that converges with the loop's edge length give `target_edge_length`.
 
     A loop that does not unfold into a simple polygon (ragged rims, loops that cross themselves) starts from a round
     domain. If the result has more area than the triangulation without inner vertices, that is returned. `reason`
@@ -95,7 +95,7 @@ def discrete_minimal_surface(
     Args:
         loop: a closed loop, (m, 3) points, a mesh with one loop or its path, or a sequence of one loop or of two that
             both have the annulus on their left, as in `PlateauSolution.rims`.
-        target_edge_length: upper bound of the edge length in mesh units; None lets edges grow inwards.
+        target_edge_length: upper bound of the edge length in mesh units. None lets edges grow inwards.
         relative_change: the area is stationary when a step lowers it, or its slope predicts a decrease, by less than
             this share.
 
@@ -169,7 +169,7 @@ def _result(
     scale: float = 1.0,
     centre: Float[np.ndarray, "3"] | float = 0.0,
 ) -> DiscreteMinimalSurface:
-    """The result of a disk at unit size, with the exact boundary; `start` is the time when the computation began."""
+    """The result of a disk at unit size, with the exact boundary. `start` is the time when the computation began."""
     areas = tuple(area * scale**2 for area in disk.areas)
     return DiscreteMinimalSurface(
         vertices=np.concatenate([boundary, disk.vertices[len(boundary) :] * scale + centre]),
@@ -186,7 +186,7 @@ def _result(
 def _stationary_disk(
     points: Float[np.ndarray, "m 3"], relative_change: float, target: float | None
 ) -> tuple[Disk, PlaneTriangulation]:
-    """A disk of stationary area over any closed curve, or the best one found, with the reason; and its plane mesh.
+    """A disk of stationary area over any closed curve, or the best one found, with the reason, and its plane mesh.
 
     The domain of the first disk is the unfolding, or else a round one. The domain of the final disk is the flattened
     first disk, or else the first domain.

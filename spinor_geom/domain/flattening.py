@@ -287,11 +287,7 @@ def _straightened(
 
 def _updated(solve: Solver, x: Float[np.ndarray, "m r"], weights: Float[np.ndarray, " r"], strength: float) -> Solver:
     """The solver for αA + WWᵀ, α the strength, from the solver for A and x and weights of `_straightened`."""
-
-    def solve_updated(load: Columns) -> Columns:
-        return np.asarray((solve(load) - x @ (weights[:, None] * (x.T @ load))) / strength)
-
-    return solve_updated
+    return lambda load: np.asarray((solve(load) - x @ (weights[:, None] * (x.T @ load))) / strength)
 
 
 def _gap(

@@ -75,7 +75,7 @@ def with_finite_rows(points: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "*
 def freeze_attributes(
     attributes: Mapping[str, ArrayLike], *, vertices: int
 ) -> Mapping[str, Float[np.ndarray, "{vertices} _"]]:
-    """Read-only float64 copies of per-vertex values, each (vertices, k); one number per vertex gives k = 1."""
+    """Read-only float64 copies of per-vertex values, each (vertices, k). One number per vertex gives k = 1."""
     return {
         name: frozen(values, "real numbers", vertices, None, name=f"vertex attribute {name!r}")
         for name, values in attributes.items()

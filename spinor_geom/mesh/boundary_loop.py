@@ -22,7 +22,7 @@ MIN_CORNER_TURN = np.radians(35.0)
 # Least ratio of a corner's turn to its neighbours', where cubics predict the points between corners and elsewhere. The
 # first alone finds one in 1 of 750 coarse samples of smooth curves and, of 230 rims of meshes, in those along arcs.
 CONTRAST_OF_PREDICTED, CONTRAST = 2.0, 4.0
-PREDICTED = 0.05  # of an edge, largest distance of predicted points; with noise of 0.02 edges some are farther
+PREDICTED = 0.05  # of an edge, largest distance of predicted points. With noise of 0.02 edges some are farther
 MIN_LOOP_WITH_CORNERS = 8
 
 
@@ -45,11 +45,11 @@ class BoundaryLoop:
 
     Attributes:
         points: (M, 3) float64, in mesh units.
-        vertex_ids: (M,) int64 indices of the points in the mesh; 0 to M − 1 without a mesh.
+        vertex_ids: (M,) int64 indices of the points in the mesh, or 0 to M − 1 without a mesh.
         corners: (M,) bool, where the curve through the points has a kink.
         corners_given: whether the caller named the corners, or False if `detect_corners` found them.
         slit_fraction: share of the perimeter, 0 to 1, on edges that coincide with an oppositely directed edge of the
-            same loop; 1 is a slit of zero width.
+            same loop. 1 is a slit of zero width.
         seam_edges: (k, 2) int64 vertex ids, from and to, of the edges that coincide with an edge of another loop.
         seam_distance: the largest distance between the two sides of slits and seams, in mesh units.
         junctions: (k, 3) int64 vertex ids of T-junctions of this loop: a vertex, and the two ends of the boundary edge
@@ -95,7 +95,7 @@ class BoundaryLoop:
 
     @classmethod
     def from_points(cls, points: ArrayLike, *, corners: Literal["auto"] | ArrayLike = "auto") -> BoundaryLoop:
-        """A closed curve without a mesh from its points in order; a last point equal to the first is dropped.
+        """A closed curve without a mesh from its points in order. A last point equal to the first is dropped.
 
         Args:
             points: (M, 3) real numbers, in mesh units.
@@ -140,7 +140,7 @@ class BoundaryLoop:
 
     @cached_property
     def edge_lengths(self) -> Float[np.ndarray, " m"]:
-        """Edge lengths, (M,), in mesh units; edge i runs from point i to point i + 1 (mod M)."""
+        """Edge lengths, (M,), in mesh units. Edge i runs from point i to point i + 1 (mod M)."""
         return shared(edge_lengths(self.points))
 
     @cached_property
@@ -165,7 +165,7 @@ class BoundaryLoop:
 
     @cached_property
     def centroid(self) -> Float[np.ndarray, " 3"]:
-        """(3,) centre of mass of the polygon's edges, in mesh units; invariant under subdivision of edges."""
+        """(3,) centre of mass of the polygon's edges, in mesh units, invariant under subdivision of edges."""
         return shared(centroids(self.points))
 
     @property
@@ -180,7 +180,7 @@ class BoundaryLoop:
     def plane(self) -> Plane:
         """The least-squares plane of the points, each weighted by half the length of its two edges.
 
-        The normal is on the side of `area_vector`; for collinear points it is any plane through their line.
+        The normal is on the side of `area_vector`. For collinear points it is any plane through their line.
         """
         axes, _ = self._principal_axes
         normal = -axes[2] if axes[2] @ self.area_vector < 0 else axes[2]
@@ -193,7 +193,7 @@ class BoundaryLoop:
 
     @cached_property
     def elongation(self) -> float:
-        """Ratio of the two longest sides of the box along the principal axes, ≥ 1; ∞ for collinear points."""
+        """Ratio of the two longest sides of the box along the principal axes, ≥ 1, and ∞ for collinear points."""
         axes, _ = self._principal_axes
         return float(_elongations(self.points - self.centroid, axes))
 
@@ -302,7 +302,7 @@ def have_predicted_sides(points: Float[np.ndarray, "m 3"], corners: Bool[np.ndar
     """Whether points of a closed polygon lie on smooth curves between its corners.
 
     The cubics over chord lengths through two neighbours on each side miss the points by at most 0.05 of their shorter
-    edge. Points next to a corner are left out; of the others there are at least as many as corners.
+    edge. Points next to a corner are left out. Of the others there are at least as many as corners.
     """
     length = edge_lengths(points)
     inner = ~(corners | shifted(corners, 1) | shifted(corners, -1))
@@ -314,7 +314,7 @@ def have_predicted_sides(points: Float[np.ndarray, "m 3"], corners: Bool[np.ndar
 def turning_angles(points: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, " m"]:
     """Angle between the incoming and the outgoing edge at each point of a closed polygon, (M,), in radians.
 
-    0 is straight, π is a reversal; NaN beside an edge of length 0.
+    0 is straight, π is a reversal, NaN is beside an edge of length 0.
     """
     edges = shifted(points, -1, axis=-2) - points
     lengths = norm(edges)[:, None]

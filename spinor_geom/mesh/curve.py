@@ -40,7 +40,7 @@ NEWTON_STEP_TOLERANCE = 1e-15
 FORMULA_ERROR, CLOSING_ERROR, DERIVATIVE_ERROR = 1e-14, 1e-12, 1e-5
 FORMULA_CHECKS = np.array([0.11, 0.31, 0.57, 0.83])  # where on each piece the error is measured
 FEWEST_PIECES, MOST_PIECES = 64, 4096
-# Zeros of Γ′ are searched where |Γ′| is below the first share of its maximum; below the second it counts as zero.
+# Zeros of Γ′ are searched where |Γ′| is below the first share of its maximum. Below the second it counts as zero.
 SLOW, STANDSTILL = 0.1, 1e-9
 # In radians. A turn of 1e-3 in a smooth curve moves it by less than 1e-3 of the distance between two nodes of a solver.
 SMOOTH_TURN = 1e-3
@@ -56,11 +56,11 @@ class ClosedCurve:
     """A closed curve Γ(s), s in [0, 1), given by formulas.
 
     Attributes:
-        point: Γ, in any units of length; takes arrays of any shape.
+        point: Γ, in any units of length. It takes arrays of any shape.
         derivative: Γ′.
         second_derivative: Γ″.
-        corners: parameters of its corners, increasing; Γ′ jumps there, and `derivative` is the right-hand one.
-        joints: parameters where higher derivatives jump, increasing, as at the knots of a spline; Γ turns there by at
+        corners: parameters of its corners, increasing. Γ′ jumps there, and `derivative` is the right-hand one.
+        joints: parameters where higher derivatives jump, increasing, as at the knots of a spline. Γ turns there by at
             most `SMOOTH_TURN`.
     """
 
@@ -76,7 +76,7 @@ class ClosedCurve:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BoundaryCurve:
-    """A closed curve Γ(s) in space, s in [0, 1), of M polynomial pieces; piece i starts at point i of its loop.
+    """A closed curve Γ(s) in space, s in [0, 1), of M polynomial pieces. Piece i starts at point i of its loop.
 
     s is taken mod 1 everywhere. Within piece i, Γ(s) = Σ_k coefficients[k, i] (s − breaks[i])^(d − k), d the degree.
 
@@ -88,9 +88,9 @@ class BoundaryCurve:
             length otherwise (chord length would reduce the order); uniform for the trigonometric polynomial and for
             formulas.
         coefficients: (d + 1, M, 3) of the pieces, highest power first, as in `scipy.interpolate.PPoly`.
-        corners: (M,) bool, at which vertices Γ′ jumps; elsewhere splines are d − 1 times continuously differentiable.
+        corners: (M,) bool, at which vertices Γ′ jumps. Elsewhere splines are d − 1 times continuously differentiable.
         slopes: coefficients of Γ′ if a formula is given for it, because differentiation would lose three digits.
-        at_points: (M,) bool, whether a piece starts at a point of the loop; None for all. The others divide long edges.
+        at_points: (M,) bool, whether a piece starts at a point of the loop (None: all). The others divide long edges.
     """
 
     kind: CurveKind
@@ -119,7 +119,7 @@ class BoundaryCurve:
         a parabola, a side of one edge a straight line.
 
         With `quintic` it is a differentiable function of the points: the spline of degree 5 over the arc lengths of the
-        cubic one, periodic or not-a-knot; closed curves of fewer than 16 points, and sides of fewer, are cubic over
+        cubic one, periodic or not-a-knot. Closed curves of fewer than 16 points, and sides of fewer, are cubic over
         chord lengths.
 
         Raises:
@@ -133,7 +133,7 @@ class BoundaryCurve:
 
     @classmethod
     def from_loops(cls, loops: Sequence[BoundaryLoop], *, quintic: bool = False) -> list[BoundaryCurve]:
-        """`from_loop` of several loops without equal neighbouring points; loops of equal size are computed together."""
+        """`from_loop` of several loops without equal neighbouring points. Loops of equal size are computed together."""
         found: dict[int, Pieces] = {}
         alike: dict[int, list[int]] = defaultdict(list)
         for i, loop in enumerate(loops):
@@ -284,15 +284,15 @@ class BoundaryCurve:
         return len(self.coefficients) - 1
 
     def point(self, s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
-        """Γ(s), in mesh units; at the parameter of a vertex it is that vertex, bit for bit."""
+        """Γ(s), in mesh units. At the parameter of a vertex it is that vertex, bit for bit."""
         return np.asarray(self._pieces(modulo_one(s)))
 
     def derivative(self, s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
-        """Γ′(s), in mesh units per unit of s; at a corner the right-hand one."""
+        """Γ′(s), in mesh units per unit of s, at a corner the right-hand one."""
         return np.asarray(self._slopes(modulo_one(s)))
 
     def second_derivative(self, s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
-        """Γ″(s), in mesh units per squared unit of s; at a corner the right-hand one."""
+        """Γ″(s), in mesh units per squared unit of s, at a corner the right-hand one."""
         return np.asarray(self._slopes(modulo_one(s), nu=1))
 
     @cached_property
@@ -321,7 +321,7 @@ class BoundaryCurve:
         return float((speed * weights * widths).sum() / 2)
 
     def length_share(self, s: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts"]:
-        """Normalised arc length up to Γ(s), increasing by 1 per turn; approximated by s itself for splines."""
+        """Normalised arc length up to Γ(s), increasing by 1 per turn. It is approximated by s itself for splines."""
         if self.kind != "analytic":
             return s
         whole = np.floor(s)

@@ -21,7 +21,7 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners, measure
 from spinor_geom.mesh.loop_frame import first_points
 from spinor_geom.mesh.seams import find_overlaps
 from spinor_geom.mesh.topology import HalfEdges, referenced_vertices
-from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from spinor_geom.mesh.triangle_mesh import TriangleMesh, box_sides
 
 Points = Float[np.ndarray, "n 3"]
 
@@ -33,7 +33,7 @@ def find_boundary_loops(mesh: TriangleMesh, sheets: Sheets | None = None) -> lis
     """All boundary loops of a mesh as simple oriented polygons, longest perimeter first.
 
     A loop is traced around each vertex within one fan of faces, so parts of a mesh that touch at a vertex only have
-    separate loops. A loop that passes a vertex twice is split there; two loops may share a vertex. Loops have the
+    separate loops. A loop that passes a vertex twice is split there. Two loops may share a vertex. Loops have the
     orientation of the boundary of a patch over them. Their first point is that of `first_points`: it depends on the
     positions only, not on the numbers of the vertices.
 
@@ -52,7 +52,7 @@ def find_boundary_loops(mesh: TriangleMesh, sheets: Sheets | None = None) -> lis
     beside = np.add.reduceat(opposite, traced.starts[:-1]) / np.diff(traced.starts)[:, None]
     traced = traced.from_first_points(mesh.vertices, beside)
     points, successor, numbers = mesh.vertices[traced.vertices], traced.successor, traced.numbers
-    overlaps = find_overlaps(points, successor, numbers, math.hypot(*mesh.extents))
+    overlaps = find_overlaps(points, successor, numbers, math.hypot(*box_sides(mesh.vertices)))
     on_other = (overlaps.other > 0) & overlaps.is_matched
     is_equal = on_other & (overlaps.distance == 0)
     if is_equal.mean() > SOUP_FRACTION and np.logical_or.reduceat(is_equal, traced.starts[:-1]).all():
@@ -103,7 +103,7 @@ def find_boundary_loops(mesh: TriangleMesh, sheets: Sheets | None = None) -> lis
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _TracedLoops:
-    """Vertices of all boundary loops, and the half-edge from each to the next; loop k is starts[k]:starts[k + 1]."""
+    """Vertices of all boundary loops, and the half-edge from each to the next. Loop k is starts[k]:starts[k + 1]."""
 
     vertices: Int[np.ndarray, " n"]
     half_edges: Int[np.ndarray, " n"]
@@ -263,7 +263,7 @@ def repeats_a_vertex(faces: Int[np.ndarray, "f 3"]) -> Bool[np.ndarray, " f"]:
 
 
 def repeated_faces(half_edges: HalfEdges) -> Int[np.ndarray, "k 2"]:
-    """Pairs of faces with the same three vertices, sorted; of more than two, consecutive ones."""
+    """Pairs of faces with the same three vertices, sorted, and of more than two the consecutive ones."""
     # candidates: faces of an edge with more than two faces, or with two and equal opposite vertices
     a, b = half_edges.pairs.T
     nonmanifold = half_edges.order[np.repeat(half_edges.counts > 2, half_edges.counts)]
@@ -303,7 +303,7 @@ def _twins(half_edges: HalfEdges, vertices: Float[np.ndarray, "v 3"]) -> Int[np.
 
 
 def _inward_directions(start: Points, end: Points, apex: Points) -> Points:
-    """Unit vectors in faces from an edge towards the opposite corner, normal to the edge; 0 for a face without area."""
+    """Unit vectors in faces from an edge towards the opposite corner, normal to it, and 0 for a face without area."""
     along, aside = end - start, apex - start
     length2 = np.einsum("ni,ni->n", along, along)
     share = np.einsum("ni,ni->n", aside, along) / np.where(length2 > 0, length2, 1.0)

@@ -22,12 +22,12 @@ ManyVertices = Float[np.ndarray, "*b m k"]
 ManyBreaks = Float[np.ndarray, "*b m_plus_1"]
 CurveKind: TypeAlias = Literal["cubic", "spline", "quintic", "analytic"]
 
-DEGREES = (3, 5, 7)  # of splines; higher ones gain nothing in float64
+DEGREES = (3, 5, 7)  # of splines. Higher ones gain nothing in float64
 MIN_POINTS_FOR_HIGH_DEGREE = 16  # too few points to estimate the smoothness otherwise
 GAIN_PER_DEGREE = 2.5  # least reduction of the error by a higher degree, which may oscillate on rough curves
 ARC_NODES = 6
 # Ratio of the highest harmonic that the points resolve to the lowest, in the prior of an analytic curve. From 1e-6 to
-# 1e-10 the predictions are equally good; below, the equations become too ill-conditioned.
+# 1e-10 the predictions are equally good. Below, the equations become too ill-conditioned.
 SPECTRAL_FALL = 1e-8
 RIDGE = 1e-13  # relative regularisation of these equations, for points that are close together
 # Errors of analytic curves are estimated by leaving out one point, those of splines by leaving out every second one.
@@ -36,14 +36,14 @@ SURE_POINTS = 40
 ROUNDING = 1e-14  # relative to the extent: smaller errors count as equal
 AS_GOOD = 1.1  # factor by which the error for uniform parameters, which take less time, may exceed that for arc length
 EQUAL = 1e-9  # deviation from uniform parameters, in steps, that counts as rounding
-MOST_DENSE = 256  # most points for arc length, which needs a dense solve; for more points splines are as accurate
+MOST_DENSE = 256  # most points for arc length, which needs a dense solve. For more points splines are as accurate
 MOST_UNEVEN = 40.0  # largest ratio of two edges of an analytic curve
 SAMPLES_OF_LONG_EDGE = 8
 ANALYTIC_DEGREE = 11  # of the pieces of an analytic curve
 
 
 class Pieces(NamedTuple):
-    """The polynomial pieces of one closed curve; see the attributes of `BoundaryCurve`."""
+    """The polynomial pieces of one closed curve. See the attributes of `BoundaryCurve`."""
 
     kind: CurveKind
     breaks: Breaks
@@ -130,7 +130,7 @@ def piecewise_cubic(
 ) -> tuple[Breaks, Float[np.ndarray, "4 m k"]]:
     """Breaks and coefficients of the closed interpolating cubic spline with chord-length parameters and corners.
 
-    Points have any dimension. Breaks run from 0 to 1; coefficients are as in `scipy.interpolate.PPoly`. The
+    Points have any dimension. Breaks run from 0 to 1. Coefficients are as in `scipy.interpolate.PPoly`. The
     ends of sides are not-a-knot, or with `has_natural_ends` natural on long edges.
     """
     if not corners.any():
@@ -203,7 +203,7 @@ def _shares(lengths: Float[np.ndarray, "*b m"]) -> ManyBreaks:
 def _periodic_slopes(width: Float[np.ndarray, "*b m"], secant: ManyVertices) -> ManyVertices:
     """Slopes at the knots of periodic cubic splines, from the widths and secant slopes of their pieces.
 
-    All curves are solved as one tridiagonal system; a rank-one update for each adds the corner entries.
+    All curves are solved as one tridiagonal system. A rank-one update for each adds the corner entries.
     """
     before = shifted(width, 1)
     right = 3 * (width[..., None] * shifted(secant, 1, axis=-2) + before[..., None] * secant)
@@ -228,13 +228,13 @@ def predicting_degree(
     """The degree of local polynomials that predict every second point of each curve best from the other points.
 
     Also returns the RMS error below which an analytic curve is preferred. An open curve has a point at
-    every break; near its ends the stencils are one-sided.
+    every break. Near its ends the stencils are one-sided.
     """
     m = points.shape[-2]
     kept, left_out = np.arange(0, m - is_closed, 2), np.arange(1, m - 1 + is_closed, 2)
     errors = []
     for degree in DEGREES:
-        # equally many kept points on both sides; left-out point 2i + 1 follows kept point i
+        # equally many kept points on both sides. Left-out point 2i + 1 follows kept point i
         first = np.arange(len(left_out)) - degree // 2
         near = (first if is_closed else first.clip(0, len(kept) - degree - 1))[:, None] + np.arange(degree + 1)
         turns, places = np.divmod(near, len(kept))
@@ -439,7 +439,7 @@ def reversed_pieces(
 ) -> Inexact[np.ndarray, "d1 m k"]:
     """Coefficients of polynomial pieces with the opposite direction, in reversed order."""
     moved, widths = coefficients.copy(), np.diff(breaks)[:, None]
-    # Taylor shift to the end of each piece by synthetic division; SciPy's BPoly loses three more digits
+    # Taylor shift to the end of each piece by synthetic division. SciPy's BPoly loses three more digits
     for last in range(len(moved), 1, -1):
         for k in range(1, last):
             moved[k] += moved[k - 1] * widths

@@ -83,7 +83,7 @@ def is_graph(vertices: Points, faces: Faces, boundary_size: int) -> bool:
     """Whether a mesh with one boundary is a graph over the plane normal to its vector area, so without intersections.
 
     A projection that preserves the orientation of all faces and has a simple boundary is injective. Linear in the
-    number of faces; the boundary's vertices come first, in order.
+    number of faces. The boundary's vertices come first, in order.
 
     Source: Volino & Magnenat-Thalmann (1994), Efficient self-collision detection on smoothly discretized surface
     animations using geometrical shape regularity.
@@ -265,7 +265,7 @@ def _segment_distances(a: Points, b: Points, c: Points, d: Points) -> Float[np.n
     u, v, w = b - a, d - c, c - a
     normal = cross(u, v)
     squared = (normal**2).sum(axis=1)
-    # the feet of the common perpendicular; parallel segments are nearest at an end
+    # the feet of the common perpendicular. Parallel segments are nearest at an end
     with np.errstate(divide="ignore", invalid="ignore"):
         s = np.clip((cross(w, v) * normal).sum(axis=1) / squared, 0, 1)
         t = np.clip((cross(w, u) * normal).sum(axis=1) / squared, 0, 1)

@@ -48,7 +48,7 @@ class OpenCurve:
 
     @property
     def is_detected(self) -> bool:
-        """Whether corners are detected; two points are the ends of a straight line."""
+        """Whether corners are detected. Two points are the ends of a straight line."""
         return len(self.points) > 2 and isinstance(self.corners, str) and self.corners == "auto"
 
     @property

@@ -37,7 +37,7 @@ _FACTOR_SECONDS, _FACTOR_POWER = 6e-8, 4 / 3
 def cotangent_laplacian(vertices: Vertices, faces: Faces) -> csc_array:
     """The cotangent Laplacian L, (V, V), symmetric and positive semidefinite.
 
-    L_ij = −½ (cot α_ij + cot β_ij) with the angles opposite to edge ij, and rows sum to 0; uᵀLu is the Dirichlet
+    L_ij = −½ (cot α_ij + cot β_ij) with the angles opposite to edge ij, and rows sum to 0. uᵀLu is the Dirichlet
     energy ∫|∇u|² of the piecewise linear u. Dimensionless.
 
     Source: Pinkall & Polthier (1993), Computing discrete minimal surfaces and their conjugates.
@@ -94,7 +94,7 @@ def mollified_laplacian(vertices: Vertices, faces: Faces) -> csc_array:
 
 
 def intrinsic_angles(lengths: Float[np.ndarray, "*f 3"]) -> Float[np.ndarray, "*f 3"]:
-    """Angles of triangles, in radians, from the lengths of the edges opposite to the corners; accurate at 0 and π."""
+    """Angles of triangles, in radians, from the lengths of the edges opposite to the corners, accurate at 0 and π."""
     before, after = shifted(lengths, 1), shifted(lengths, -1)
     top = np.maximum(lengths**2 - (before - after) ** 2, 0.0)
     bottom = np.maximum((before + after) ** 2 - lengths**2, 0.0)
@@ -179,7 +179,7 @@ def nearest_on_mesh(
 
     Raises:
         NoFacesError: the mesh is empty.
-        NonFiniteVertexError: a distance is not finite; libigl then gives any number as face.
+        NonFiniteVertexError: a distance is not finite. libigl then gives any number as face.
     """
     if not len(faces):
         raise NoFacesError(vertices=len(vertices))
@@ -265,7 +265,7 @@ class BendingForm:
 
 
 def radii_of_curvature(vertices: Float[np.ndarray, "n 3"], faces: Faces) -> Float[np.ndarray, " n"]:
-    """1/√(κ₁² + κ₂²) at the inner vertices of a mesh, from H and the angle defect; without meaning at the boundary."""
+    """1/√(κ₁² + κ₂²) at the inner vertices of a mesh, from H and the angle defect, without meaning at the boundary."""
     bending = Bending.of(vertices, faces)
     gauss = (2 * np.pi - vertex_angles(vertices, faces)) / bending.areas
     return np.asarray(1 / np.sqrt(np.fmax(4 * bending.curvature**2 - 2 * gauss, TINY)))
@@ -277,7 +277,7 @@ def face_normals(vertices: Float[np.ndarray, "n 3"], faces: Faces) -> Float[np.n
 
 
 def crossing_angles(half_edges: HalfEdges, vertices: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " h"]:
-    """Angle between the normals of the faces of each half-edge and its twin, in radians; 0 without a twin."""
+    """Angle between the normals of the faces of each half-edge and its twin, in radians, and 0 without a twin."""
     corners, points = half_edges.origin, np.ascontiguousarray(vertices, dtype=np.float64)
     angles = np.empty(len(corners))
     call("crossing_angles", len(corners) // 3, corners, points, half_edges.twin, angles)

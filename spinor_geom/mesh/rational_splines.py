@@ -23,7 +23,7 @@ class NurbsCurve:
     Attributes:
         control_points: in mesh units.
         weights: of the control points, positive.
-        knots: the knot vector, with repetitions, from 0 to 1; both ends are repeated once more than the degree.
+        knots: the knot vector, with repetitions, from 0 to 1. Both ends are repeated once more than the degree.
     """
 
     control_points: Float[np.ndarray, "n 3"]
@@ -70,7 +70,7 @@ class NurbsPatch:
 
     Attributes:
         control_points: in mesh units, in rows of equal u.
-        weights: of the control points; all are 1 unless p and q are polynomials on a disk.
+        weights: of the control points. All are 1 unless p and q are polynomials on a disk.
         knots: the knot vectors of u and v, as in `NurbsCurve`.
     """
 

@@ -21,7 +21,7 @@ SAME_PLACE = 1e-6
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Overlaps:
-    """The parts of the edges of loops that coincide with other edges; edge i runs from entry i to the next one."""
+    """The parts of the edges of loops that coincide with other edges. Edge i runs from entry i to the next one."""
 
     own: Float[np.ndarray, " n"]  # share of its length on oppositely directed edges of its own loop
     other: Float[np.ndarray, " n"]  # share of its length on edges of other loops

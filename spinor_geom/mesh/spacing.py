@@ -7,7 +7,7 @@ from spinor_geom.arrays import median, norm, shifted
 
 LARGEST_GROWTH = 2.0  # ratio of successive edges of a graded spacing
 # Length of the first part of a divided edge, per length of the edges beside it, and growth of the parts per length.
-# With half of both, one ragged rim of a cut sphere does not converge; with twice, straight sides bulge by up to 8 % of
+# With half of both, one ragged rim of a cut sphere does not converge. With twice, straight sides bulge by up to 8 % of
 # the area.
 _FIRST_PART, _GROWTH = 2.0, 1.0
 
@@ -32,7 +32,7 @@ def graded_spacing(length: Float[np.ndarray, "*b m"]) -> Float[np.ndarray, "*b m
 
 
 def are_long(points: Float[np.ndarray, "*b m k"]) -> Bool[np.ndarray, "*b m"]:
-    """Which edges of a closed polygon exceed its `graded_spacing`; edge i runs from point i to point i + 1."""
+    """Which edges of a closed polygon exceed its `graded_spacing`. Edge i runs from point i to point i + 1."""
     length = edge_lengths(points)
     if have_similar_lengths(length):
         return np.zeros(length.shape, dtype=bool)
@@ -78,7 +78,7 @@ def _longest_of_three(length: Float[np.ndarray, "*b m"]) -> Float[np.ndarray, "*
 
 
 def _graded_shares(length: float, start: float, end: float) -> Float[np.ndarray, " k"]:
-    """Points that divide an edge, as shares of its length; the parts grow linearly from given lengths at both ends."""
+    """Points that divide an edge, as shares of its length. The parts grow linearly from given lengths at both ends."""
     middle = np.clip((length + (end - start) / _GROWTH) / 2, 0, length)
     first = np.log1p(_GROWTH * middle / start) / _GROWTH
     whole = first + np.log1p(_GROWTH * (length - middle) / end) / _GROWTH

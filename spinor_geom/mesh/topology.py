@@ -75,7 +75,7 @@ class HalfEdges:
 
     @cached_property
     def components(self) -> Int[np.ndarray, " f"]:
-        """The component of each face, from 0, (F,) int64; faces are connected through common edges, not vertices."""
+        """The component of each face, from 0, (F,) int64. Faces are connected through common edges, not vertices."""
         face = self.order // 3
         is_same_edge = np.ones(len(face), dtype=bool)
         is_same_edge[self.starts[:-1]] = False
@@ -143,7 +143,7 @@ def disks(half_edges: HalfEdges) -> Bool[np.ndarray, " components"]:
 
 
 def face_components(faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, " f"]:
-    """The component of each face, from 0, (f,) int64; faces are connected through common edges, not vertices."""
+    """The component of each face, from 0, (f,) int64. Faces are connected through common edges, not vertices."""
     return HalfEdges.of(faces).components
 
 
@@ -179,7 +179,7 @@ def near_vertices(
 ) -> Int[np.ndarray, " n"]:
     """`coincident_vertices` to a tolerance: two points coincide within the smaller of their reaches, (n,) int64.
 
-    Reaches are in mesh units; groups are transitive. With `faces`, no group has two different corners of a face: the
+    Reaches are in mesh units. Groups are transitive. With `faces`, no group has two different corners of a face: the
     tolerance of such a group is halved until none has.
     """
     exact = coincident_vertices(points)

@@ -1,4 +1,4 @@
-"""Triangle meshes, and the vertices and faces that a fill adds to one; immutable and checked."""
+"""Triangle meshes, and the vertices and faces that a fill adds to one, immutable and checked."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ SMALLEST_EXTENT, LARGEST_EXTENT = 1e-70, 1e70  # fourth powers of lengths must n
 
 @dataclass(frozen=True, eq=False, init=False)
 class TriangleMesh(Shown):
-    """A triangle mesh in space with vertex attributes; arrays become read-only copies.
+    """A triangle mesh in space with vertex attributes. Arrays become read-only copies.
 
-    Faces are counter-clockwise seen from the side of their normals. The arrays are checked; inconsistent faces beside a
+    Faces are counter-clockwise seen from the side of their normals. The arrays are checked. Inconsistent faces beside a
     loop are reported by `find_boundary_loops`. Unused vertices are allowed, and may be NaN or infinite.
 
     Attributes:
@@ -68,20 +68,15 @@ class TriangleMesh(Shown):
         attributes = freeze_attributes(given, vertices=len(points))
         self.__dict__.update(vertices=points, faces=corners, vertex_attributes=attributes, labels=frozenset(labels))
 
-    @property
-    def extents(self) -> tuple[float, ...]:
-        """The lengths of the sides of the bounding box, in mesh units, or 0 without vertices."""
-        return box_sides(self.vertices)
-
     def merged(self, within: Within = 0.0) -> tuple[TriangleMesh, Int[np.ndarray, " v"]]:
         """The same surface with vertices of equal position merged.
 
         Of each group the vertex of lowest index is kept, with its attributes, and the order is unchanged. Faces are
-        neither dropped nor reordered. A face with two corners at one position then uses a vertex twice; corners of a
+        neither dropped nor reordered. A face with two corners at one position then uses a vertex twice. Corners of a
         face at different positions stay different.
 
         Args:
-            within: the distance, in mesh units, up to which vertices are merged; "rounding" for `rounding_reach`.
+            within: the distance, in mesh units, up to which vertices are merged, or "rounding" for `rounding_reach`.
 
         Returns:
             The merged mesh, and for every old vertex its index in the merged mesh, (V,) int64.
@@ -124,7 +119,7 @@ class MeshExtension:
         NonFiniteVertexError: a new vertex is NaN or infinite.
     """
 
-    vertices: Float[np.ndarray, "k 3"]  # positions of the new vertices, in mesh units; vertex k gets the index V + k
+    vertices: Float[np.ndarray, "k 3"]  # positions of the new vertices, in mesh units. Vertex k gets the index V + k
     faces: Int[np.ndarray, "t 3"]  # indices into [the V original vertices | the K new ones]
     face_loops: Int[np.ndarray, " t"]  # which boundary loop each new face fills
     # at the new vertices, under the names of the mesh's own `TriangleMesh.vertex_attributes`

@@ -15,7 +15,7 @@ from spinor_geom.errors import DomainError
 from spinor_geom.nurbs.quadrangulation import LEAST_SINE, cut_open, quadrangulated, sides_of
 from spinor_geom.nurbs.rims import Rim
 
-_FEWEST, _FINE = 4, 64  # fewest quadrilaterals along a boundary; first number along smooth ones
+_FEWEST, _FINE = 4, 64  # fewest quadrilaterals along a boundary, and first number along smooth ones
 _DEPTHS = 0.5 ** (np.arange(60) / 3)  # possible depths of rings, in diameters of Ω
 _DEEPEST = 0.35  # largest depth of a ring with corners, relative to the shorter of two neighbouring sides
 _SHALLOWER = 0.7  # factor that reduces the depth of folded quadrilaterals
@@ -56,9 +56,9 @@ class Blocks:
 
     points: Complex[np.ndarray, " n"]  # the corners of all quadrilaterals
     quads: Int[np.ndarray, "q 4"]  # indices of the corners of each
-    # parameters, as in `Rim`, of both ends of each side on ∂Ω, increasing; the last may exceed 1
+    # parameters, as in `Rim`, of both ends of each side on ∂Ω, increasing. The last may exceed 1
     parts: Float[np.ndarray, "r 2"]
-    powers: Float[np.ndarray, "r 2"]  # β at both ends of each side on ∂Ω; 1 but at such corners
+    powers: Float[np.ndarray, "r 2"]  # β at both ends of each side on ∂Ω, 1 but at such corners
     sizes: tuple[int, ...]  # numbers of quadrilaterals along each boundary
 
     @classmethod
@@ -310,7 +310,7 @@ def _shortened(domain: PlaneDomain, rings: Sequence[_Ring]) -> list[_Ring]:
 
 
 def _filled(rings: Sequence[_Ring]) -> tuple[list[_Ring], Int[np.ndarray, "q 4"]] | None:
-    """The rings with some neighbours joined, and the quadrilaterals inside, of least cost; None if none are found."""
+    """The rings with some neighbours joined, and the quadrilaterals inside, of least cost, or None without any."""
     sizes = tuple(map(len, rings))
     if sum(sizes) > _MOST_CORNERS:
         return None

@@ -38,12 +38,12 @@ _OF_TOLERANCE = 0.01  # accuracy of positions, relative to the tolerance
 # difference of areas beyond which the surface found is another one over the same curves.
 _CONTINUED, _BELOW, _SAME_AREA = 2, 0.5, 1e-3
 _FARTHEST = 0.5  # boundary residual, per mean edge, above which no case was met whose boundary runs along Γ
-_AROUND, _ROUNDING = 256, 1e-12  # points of a rim for its diagonal; tolerance of exact patches
+_AROUND, _ROUNDING = 256, 1e-12  # points of a rim for its diagonal, and tolerance of exact patches
 
 
 @dataclass(frozen=True, kw_only=True)
 class Seam:
-    """A side that two patches share, given by patch and side; `reversed` if its directions on them are opposite."""
+    """A side that two patches share, given by patch and side. `reversed` if its directions on them are opposite."""
 
     first: tuple[int, int]
     second: tuple[int, int]
@@ -56,7 +56,7 @@ class NurbsDeviations:
 
     Attributes:
         surface: distance of a patch from the minimal surface at equal parameters, measured between the nodes of
-            interpolation; near the rims it includes the boundary residual of the solution.
+            interpolation. Near the rims it includes the boundary residual of the solution.
         rim: distance of a rim from the given curve at equal parameters, or at the nearest ones for exact patches.
         normals: angle between the normals of two patches along a seam.
         diagonal: of the bounding box of the largest loop.
@@ -70,10 +70,10 @@ class NurbsDeviations:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NurbsSurface:
-    """A minimal surface as B-spline patches for CAD; neighbouring patches have equal curves along their common side.
+    """A minimal surface as B-spline patches for CAD. Neighbouring patches have equal curves along their common side.
 
     Neighbouring patches have the same control points along the side that they share, bit for bit. Within a patch the
-    surface is smooth; across seams the normals agree up to `deviations.normals`. The rims are the given curves, up to
+    surface is smooth. Across seams the normals agree up to `deviations.normals`. The rims are the given curves, up to
     `deviations.rim`, even where the minimal surface is farther from them.
 
     Attributes:
@@ -109,7 +109,7 @@ class NurbsSurface:
 
         Positions are polynomials of degree d in z. Five rational maps of degree 2 from a square to the disk, four in a
         ring and one inside, give rational patches of degree 2d. `PlateauSolution.to_nurbs` makes them too where p and q
-        of the solution are polynomials. The rim is the surface's boundary itself; the tolerance is rounding error.
+        of the solution are polynomials. The rim is the surface's boundary itself. The tolerance is rounding error.
 
         Raises:
             OptionError: p and q are not given as power series on a disk, or their degree is above 5 (CAD systems
@@ -163,11 +163,11 @@ class NurbsSurface:
         return sewn_shell(self.patches, unit=unit)
 
     def to_build123d(self, *, unit: Unit = "mm") -> Any:
-        """The patches as a `build123d.Shell`; arguments and errors as for `shell`."""
+        """The patches as a `build123d.Shell`. Arguments and errors as for `shell`."""
         return cad_object(self.shell(unit=unit), "build123d")
 
     def to_cadquery(self, *, unit: Unit = "mm") -> Any:
-        """The patches as a `cadquery.Shell`; arguments and errors as for `shell`."""
+        """The patches as a `cadquery.Shell`. Arguments and errors as for `shell`."""
         return cad_object(self.shell(unit=unit), "cadquery")
 
     def save(self, path: str | os.PathLike[str], *, unit: Unit = "mm", name: str = "minimal surface") -> None:
@@ -319,7 +319,7 @@ def _patches(solution: PlateauSolution, rims: tuple[Rim, ...], tolerance: float)
 
 
 def _rims(sizes: Sequence[int]) -> tuple[tuple[tuple[int, int], ...], ...]:
-    """Side 0 of the patches along each boundary; these patches come first."""
+    """Side 0 of the patches along each boundary. These patches come first."""
     ends = np.cumsum(sizes).tolist()
     return tuple(tuple((patch, 0) for patch in range(end - size, end)) for size, end in zip(sizes, ends, strict=True))
 

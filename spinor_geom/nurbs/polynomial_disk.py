@@ -18,7 +18,7 @@ from spinor_geom.surface.formulas import null_vector
 
 _HIGHEST = 25  # highest degree that Open CASCADE supports
 _NEGLIGIBLE = 1e-13  # largest sum of neglected coefficients of p and q, relative to the largest one
-_HALF = 0.5**0.5  # cos 45°; the weights of a quarter of a circle are 1, cos 45°, 1
+_HALF = 0.5**0.5  # cos 45°. The weights of a quarter of a circle are 1, cos 45°, 1
 _CHECKS = np.linspace(0, 1, 8)  # parameters where the error is measured
 _SQUARE = 0.5**1.5  # half of the side of the inner square, whose corners are at half of the radius
 
@@ -54,7 +54,7 @@ class PolynomialDisk:
 
     @property
     def degree(self) -> int:
-        """Degree d of positions as polynomials in w; that of the patches is 2d."""
+        """Degree d of positions as polynomials in w. That of the patches is 2d."""
         return len(self.coefficients) - 1
 
     @property

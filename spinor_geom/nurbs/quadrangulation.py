@@ -1,4 +1,4 @@
-"""Division of polygons into convex quadrilaterals; some corners of a polygon may be skipped."""
+"""Division of polygons into convex quadrilaterals. Some corners of a polygon may be skipped."""
 
 from __future__ import annotations
 
@@ -51,8 +51,8 @@ def sides_of(
 def quadrangulated(z: Complex[np.ndarray, " m"], sides: Int[np.ndarray, "s 2"]) -> Int[np.ndarray, "q 4"] | None:
     """Convex quadrilaterals that fill a polygon, with the least total cost, or None if none do.
 
-    The corners z are counter-clockwise; equal points may occur twice. `sides` has the pairs of corners that a side may
-    connect; the corners between them are skipped. The cost of a quadrilateral is the largest 1/sin of its angles. The
+    The corners z are counter-clockwise. Equal points may occur twice. `sides` has the pairs of corners that a side may
+    connect. The corners between them are skipped. The cost of a quadrilateral is the largest 1/sin of its angles. The
     division is found by dynamic programming over the chords of the polygon.
     """
     m = len(z)

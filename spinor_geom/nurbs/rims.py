@@ -34,14 +34,14 @@ _SMOOTH = 1e-6  # largest difference of unit tangents where ∂Ω is smooth
 # opened corner of an L, by at most 0.04 elsewhere. `_DEGREE` is that of the polynomial, `_NODES` the number of steps
 # between the nodes of its fit.
 _UNEVEN, _DEGREE, _NODES = 0.2, 9, 64
-_EXACT, _LEAST = 1e3, 1e-5  # weight of the end of a side in the fit; least coefficient of the derivative
+_EXACT, _LEAST = 1e3, 1e-5  # weight of the end of a side in the fit, and least coefficient of the derivative
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Rim:
     """A boundary of Ω as a curve z(x), where x is the parameter s of Γ except beside opened corners.
 
-    As functions of s, positions on ∂Ω are as smooth as Γ; equal steps of the parameter t of ∂Ω may be uneven in space.
+    As functions of s, positions on ∂Ω are as smooth as Γ. Equal steps of the parameter t of ∂Ω may be uneven in space.
     At opened corners (`domain.opening`) s grows like a power of the distance in Ω. On sides that end there s is a
     polynomial of x, so that the surface is smooth in x too.
     """
@@ -85,7 +85,7 @@ class Rim:
 
     @property
     def powers(self) -> Float[np.ndarray, " c"]:
-        """β at corners of angle πβ of the surface where ∂Ω is smooth; 1 at the others.
+        """β at corners of angle πβ of the surface where ∂Ω is smooth, and 1 at the others.
 
         The surface has the angle of Γ or the rest of a full turn: the one by which positions grow along ∂Ω.
         """
@@ -106,7 +106,7 @@ class Rim:
         return self.boundary.point(self.on_boundary(x))
 
     def derivative(self, x: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
-        """dz/dx up to the boundary residual, except at corners; infinite where positions do not move along Γ."""
+        """dz/dx up to the boundary residual, except at corners. It is infinite where positions do not move along Γ."""
         t = self.on_boundary(x)
         _, velocity = self.primitive.at(t.ravel() % 1.0)
         s, change = self.on_curve(np.ravel(x))
@@ -157,7 +157,7 @@ class Rim:
         return found
 
     def on_boundary(self, x: Float[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts"]:
-        """Parameters t on ∂Ω whose positions lie in the normal planes of Γ(s(x)); corners map to corners.
+        """Parameters t on ∂Ω whose positions lie in the normal planes of Γ(s(x)). Corners map to corners.
 
         Along a side Γ is shifted by an interpolation of the differences at its two corners, so that t is continuous
         there.
@@ -197,14 +197,14 @@ class Rim:
 
     @cached_property
     def _at_corners(self) -> Float[np.ndarray, " c1"]:
-        """Parameters of the corners of ∂Ω that are matched to those of Γ; the last is the first one plus 1."""
+        """Parameters of the corners of ∂Ω that are matched to those of Γ. The last is the first one plus 1."""
         t = self._matched(self.corners)
         offset = (t[:, None] - self.boundary.parameters[:-1] + 0.5) % 1.0 - 0.5
         t = t - offset[np.arange(len(t)), np.abs(offset).argmin(axis=1)]
         return np.append(t, t[0] + 1)
 
     def _matched(self, s: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Parameters on ∂Ω by the matching of the solution; they increase with s, which is not taken modulo 1."""
+        """Parameters on ∂Ω by the matching of the solution. They increase with s, which is not taken modulo 1."""
         turns = np.floor(s)
         return np.asarray(self.match.parameters(s - turns) + turns)
 

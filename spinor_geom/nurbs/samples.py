@@ -129,7 +129,7 @@ class Samples:
         return [found[k] for k in range(len(grids))]
 
     def _sides(self, grids: Sequence[Grid]) -> list[_Side]:
-        """The sides on ∂Ω; grids with the same parameters have the same object."""
+        """The sides on ∂Ω. Grids with the same parameters have the same object."""
         keys = {(quad, id(u)): (quad, u) for quad, u, *_ in grids}
         found: dict[tuple[int, int], _Side] = {}
         for number, rim in enumerate(self.rims):
@@ -174,7 +174,7 @@ class Samples:
         return found
 
     def _pieces(self, quad: int, breaks: Breaks) -> Breaks:
-        """Ends of the pieces of integrals from a rim; more if it has corners, where φ varies over short distances."""
+        """Ends of the pieces of integrals from a rim, more if it has corners, where φ varies over short distances."""
         if not self.rims[self.blocks.rim_of(quad)].boundary.corners.any():
             return breaks
         return (0.0, *(breaks[1] * _TOWARDS_RIM).tolist(), *breaks[1:])
@@ -184,7 +184,7 @@ class Samples:
         return np.asarray(phi(p, q))
 
     def _inside(self, quads: Sequence[int], z: Sequence[Complex[np.ndarray, "_ _"]]) -> list[Values]:
-        """Positions at arrays of points of quadrilaterals; in rings only if `_is_smooth`."""
+        """Positions at arrays of points of quadrilaterals, in rings only if `_is_smooth`."""
         if self.surface.has_closed_positions or len(self.rims) > 1:
             return _split(self.surface.position, z)
         start = self.rims[0].start

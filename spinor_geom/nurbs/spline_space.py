@@ -23,7 +23,7 @@ class SplineSpace:
     @classmethod
     @lru_cache(maxsize=256)
     def on(cls, degree: int, breaks: tuple[float, ...]) -> SplineSpace:
-        """The space; for equal arguments the same object, so that its nodes and matrices are computed once."""
+        """The space. For equal arguments the same object, so that its nodes and matrices are computed once."""
         return cls(degree, breaks)
 
     @property
@@ -42,7 +42,7 @@ class SplineSpace:
 
     @cached_property
     def nodes(self) -> Float[np.ndarray, " k"]:
-        """The Chebyshev-Demko points, at which interpolation is well conditioned; the ends are among them.
+        """The Chebyshev-Demko points, at which interpolation is well conditioned. The ends are among them.
 
         They are the extrema of the spline that alternates k times between −1 and 1.
 

@@ -1,4 +1,4 @@
-"""Interpolation on strips of quadrilaterals; the common knots of a strip are refined until it is accurate."""
+"""Interpolation on strips of quadrilaterals. The common knots of a strip are refined until it is accurate."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Sampler: TypeAlias = Callable[[Sequence[Grid]], list[tuple[Values, Values]]]
 DEGREE = 9  # of splines with inner knots
 NEARER_AT_RIMS = 10.0  # ratio of the tolerances inside and at rims, so that shells fit adjacent parts
 _ROUNDS = 20  # of halving pieces
-_MOST_POINTS = 25_000  # control points of all patches, above which no piece is halved; ragged rims take 20 000
+_MOST_POINTS = 25_000  # control points of all patches, above which no piece is halved. Ragged rims take 20 000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -33,7 +33,7 @@ class QuadMesh:
     """Sides and strips of a mesh of quadrilaterals.
 
     Sides 0 to 3 of a quadrilateral lie at v = 0, u = 1, v = 1 and u = 0: sides 0 and 2 run with u, sides 1 and 3 with
-    v. A strip is a row of quadrilaterals that are neighbours along opposite sides; all have the same knots across it.
+    v. A strip is a row of quadrilaterals that are neighbours along opposite sides. All have the same knots across it.
     """
 
     quads: Int[np.ndarray, "q 4"]  # the corners of each, counter-clockwise from u = v = 0
@@ -93,7 +93,7 @@ class Fit:
     """B-spline patches on the quadrilaterals of a mesh."""
 
     spaces: tuple[tuple[SplineSpace, SplineSpace], ...]  # the splines in u and v of each
-    nets: tuple[Values, ...]  # their control points; neighbours have equal ones along the side that they share
+    nets: tuple[Values, ...]  # their control points. Neighbours have equal ones along the side that they share
     error: float  # an estimate of the largest distance of the patches from the positions to interpolate
 
     @property
@@ -179,7 +179,7 @@ class _Sampled:
         degree: int,
         known: _Known,
     ) -> _Sampled:
-        """Samples for given breaks; patches whose splines are among the known ones are not sampled again."""
+        """Samples for given breaks. Patches whose splines are among the known ones are not sampled again."""
         spaces = []
         for strips, flips in zip(*mesh.strips, strict=True):
             own = (

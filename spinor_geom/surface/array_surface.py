@@ -38,7 +38,7 @@ class ArraySurface(Shown):
     """The minimal surface r(z) = c + Re ∫ φ dz, φ = (p² − q², −i(p² + q²), 2pq), of two holomorphic functions p, q.
 
     The integral starts at `root`, where r = c. (p, q) is the output of a model times a constant matrix for rotation,
-    scaling and associates. Arrays are numpy's, or tensors if the model and c are; `SpinorSurface` is the same surface
+    scaling and associates. Arrays are numpy's, or tensors if the model and c are. `SpinorSurface` is the same surface
     as a torch module.
 
     Methods take complex points of any shape (*pts) inside Ω, as an array or as a tensor, and return the same kind.
@@ -209,7 +209,7 @@ class ArraySurface(Shown):
     def spinor_zeros(self) -> tuple[tuple[Zero, ...], tuple[Zero, ...]]:
         """The zeros in Ω of p, where n = −e₃, and of q, where n = e₃ and the Gauss map has poles.
 
-        Raises the errors of `find_zeros`; ZeroOnContourError also if p or q vanishes identically.
+        Raises the errors of `find_zeros`, and ZeroOnContourError if p or q vanishes identically.
         """
         p, q = (lambda z: self._single_valued(z)[:, 0]), (lambda z: self._single_valued(z)[:, 1])
         return find_zeros(p, self.domain), find_zeros(q, self.domain)
@@ -224,9 +224,9 @@ class ArraySurface(Shown):
     def associate(self: S, angle: float) -> S:
         """The associate surface with e^{i·angle}φ, the angle in radians, on a copy of the model.
 
-        It is isometric to this one and has the same normals and position of `root`; the angle π/2 gives the conjugate
+        It is isometric to this one and has the same normals and position of `root`. The angle π/2 gives the conjugate
         surface (a helicoid for the catenoid). Raises PeriodError if it does not close around a hole of Ω, because the
-        flux is not 0; see `periods`.
+        flux is not 0: see `periods`.
         """
         if self.domain.holes:
             moved = (np.exp(1j * angle) * self.periods()).real
@@ -279,7 +279,7 @@ class ArraySurface(Shown):
         return type(self)(model, domain, constant, spinor_map=frame.size**0.5 * turned, **self._rule)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes the surface and its domain to a .safetensors file with a JSON description; overwrites the file.
+        """Writes the surface and its domain to a .safetensors file with a JSON description, and overwrites the file.
 
         Raises StorageError for another suffix, a path that cannot be written, or a kind of model that cannot be loaded
         again.
@@ -292,7 +292,7 @@ class ArraySurface(Shown):
         return cls(**storage.read(path))
 
     def _evaluate(self, function: Callable[..., Array], *points: Points) -> Points:
-        """Evaluates a function of this surface and points; arrays give an array, tensors a tensor."""
+        """Evaluates a function of this surface and points. Arrays give an array, tensors a tensor."""
         with np.errstate(all="ignore"):  # quotients are NaN or infinite at branch points and poles
             if _is_tensor(points[0]):
                 require_complex_points(points)
@@ -368,13 +368,13 @@ def _null_integral(on: ArraySurface, z: Complex[Array, " n"]) -> Complex[Array, 
 
 
 def _anchor_positions(on: ArraySurface, wanted: Int[np.ndarray, " k"]) -> Float[Array, "n 3"]:
-    """Positions of the wanted vertices, by sums along the tree of paths; the others are arbitrary."""
+    """Positions of the wanted vertices, by sums along the tree of paths. The others are arbitrary."""
     place, before = place_of(on.constant), on.domain.parents
     visited, vertices = on.domain.visited(wanted), on.domain.triangulation.points
     steps = integrate(on, place.put(vertices[before[visited]]), place.put(vertices[visited]))
     total = zeros((len(vertices), 3), steps)
     total[place.put(visited)] = steps
-    # each pass doubles the number of summed edges; the root is its own parent and adds 0
+    # each pass doubles the number of summed edges. The root is its own parent and adds 0
     while (before != on.domain.root).any():
         total, before = total + total[place.put(before)], before[before]
     return on.constant + total

@@ -5,7 +5,7 @@
 So p = 1, q = 0 is the plane r = (x, y, 0) with n = +e₃, and p = 0 gives n = −e₃. Mean curvature is positive where the
 surface bends towards n (a sphere with its inner normal).
 
-The functions take arrays of any shape and are differentiable; at a branch point (p = q = 0) quotients are NaN. dp and
+The functions take arrays of any shape and are differentiable. At a branch point (p = q = 0) quotients are NaN. dp and
 dq are the derivatives p′ and q′. They raise a `DtypeError` for arrays that are not complex.
 
 Source: Sun & Chern (2026), minimal surfaces from a pair of holomorphic functions.
@@ -39,7 +39,7 @@ def null_vector(pp: Values, qq: Values, pq: Values) -> Complex[Array, "*pts 3"]:
 def conformal_factor(p: Values, q: Values) -> Float[Array, "*pts"]:
     """Conformal factor λ = |p|² + |q|²: length in space per length in Ω.
 
-    The first fundamental form is λ²(dx² + dy²); λ = 0 exactly at branch points.
+    The first fundamental form is λ²(dx² + dy²). λ = 0 exactly at branch points.
 
     Source: Sun & Chern (2026), r_x·r_x = r_y·r_y = ½|φ|².
     """
@@ -88,7 +88,7 @@ def mean_curvature(tangents: Complex[Array, "*pts 3"], hopf: Values) -> Float[Ar
 def second_fundamental_form(p: Values, q: Values, dp: Values, dq: Values) -> Float[Array, "*pts 2 2"]:
     """Second fundamental form ((r_xx·n, r_xy·n), (r_xy·n, r_yy·n)) = ((Re Q, −Im Q), (−Im Q, −Re Q)).
 
-    Q is the Hopf differential; the trace is 0 because the surface is minimal.
+    Q is the Hopf differential. The trace is 0 because the surface is minimal.
     """
     hopf = hopf_differential(p, q, dp, dq)
     rows = [hopf.real, -hopf.imag, -hopf.imag, -hopf.real]

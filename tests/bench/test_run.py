@@ -126,7 +126,7 @@ def test_a_killed_run_goes_on(tmp_path, monkeypatch):
     text = (folder / run_tables.PAGE).read_text(encoding="utf-8")
     assert "http" not in text.replace("http-equiv", "")
     # plots and the row of each method come first, the promises last
-    order = [text.index(f"<h3>{title}<") for title in ("Area error", "Seconds", "Methods", "Suite disks")]
+    order = [text.index(f"<h3>{title}<") for title in ("Area error", "Seconds", "Methods", "Methods and tools")]
     assert order == sorted(order)
     assert text.index("<h2>Promises<") > order[-1]
     assert len(text) < 5_000_000
