@@ -3,7 +3,7 @@
 import numpy as np
 
 from spinor_geom.arrays import shifted
-from spinor_geom.mesh.boundary_loop import BoundaryLoop, have_predicted_sides, turning_angles
+from spinor_geom.mesh.boundary_loop import STRAIGHT, BoundaryLoop, have_predicted_sides, turning_angles
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.interpolation import missed
 
@@ -58,6 +58,5 @@ def has_stray_corners(loop: BoundaryLoop) -> bool:
     corners = np.count_nonzero(loop.corners)
     if loop.corners_given or not corners:
         return False
-    rounding = float(np.finfo(np.float32).eps) ** 0.5
-    is_straight = len(loop) > corners and turning_angles(loop.points)[~loop.corners].max() <= rounding
+    is_straight = len(loop) > corners and turning_angles(loop.points)[~loop.corners].max() <= STRAIGHT
     return not (is_straight or have_predicted_sides(loop.points, loop.corners))

@@ -259,9 +259,9 @@ def test_measures_of_many_loops_are_those_of_each() -> None:
         assert not loop.edge_lengths.flags.writeable
 
 
-@pytest.mark.parametrize(("width", "count"), [(0.15, 96), (0.2, 48), (0.25, 64)])
+@pytest.mark.parametrize(("width", "count"), [(0.1, 96), (0.15, 48), (0.15, 96), (0.2, 48), (0.25, 64)])
 def test_sharp_bends_of_smooth_curves_are_no_corners(width: float, count: int) -> None:
-    # equal arcs, a point at each tip, where the turns are 2, 2, 7, 22 and 50 degrees or the like
+    # equal arcs, a point at each tip, where the turns are 2, 2, 7, 22 and 50, or 2, 3, 6, 24 and 114 degrees
     t = np.linspace(0, 2 * np.pi, 20001)
     along = np.append(
         0, np.cumsum(np.linalg.norm(np.diff([np.cos(t), width * np.sin(t), 0.2 * np.cos(2 * t)]), axis=0))
