@@ -1,9 +1,9 @@
 """Reads meshes of any type, and returns them extended in the same type.
 
-Types: arrays, tensors, objects of trimesh, PyVista, Open3D, meshio, pymeshlab and Blender, and files. `to_mesh` returns
-the triangles, `extend` a new object of the same type with vertices and faces appended, `merged` one with vertices
-merged. `register` adds an adapter for a further type, see `Adapter`. A library is imported only when one of its objects
-is built.
+Types: arrays, tensors, objects of trimesh, PyVista, Open3D, meshio, pymeshlab, COMPAS and Blender, and files.
+`to_mesh` returns the triangles, `extend` a new object of the same type with vertices and faces appended, `merged` one
+with vertices merged. `register` adds an adapter for a further type, see `Adapter`. A library is imported only when one
+of its objects is built.
 
     >>> import numpy as np
     >>> from spinor_geom.adapters import to_mesh
@@ -15,6 +15,7 @@ is built.
 from spinor_geom.adapters.array_pairs import PairAdapter, TriangleMeshAdapter
 from spinor_geom.adapters.blender_mesh import BlenderMeshAdapter, BlenderObjectAdapter
 from spinor_geom.adapters.cad_curves import CadCurve
+from spinor_geom.adapters.compas_mesh import CompasAdapter
 from spinor_geom.adapters.mesh_files import MeshFile, MeshFileAdapter, read_mesh
 from spinor_geom.adapters.mesh_objects import MeshioAdapter, MeshSetAdapter, Open3DAdapter
 from spinor_geom.adapters.polygon_faces import Polygons
@@ -31,6 +32,7 @@ for _adapter in (
     Open3DAdapter(),
     MeshioAdapter(),
     MeshSetAdapter(),
+    CompasAdapter(),
     BlenderMeshAdapter(),
     BlenderObjectAdapter(),
     TriangleMeshAdapter(),

@@ -40,7 +40,7 @@ def free_edges(shapes: Sequence[Any]) -> tuple[EdgeKind, list[CadEdge]]:
         raise NoEdgesError(
             what="faces without a free boundary: they enclose a solid" if has_faces else "no edges and no faces"
         )
-    return kind, _of_one_degree(found)
+    return kind, edges_of(found)
 
 
 def parts_of(shape: Any, kind: str, outside: str = "SHAPE") -> Iterator[Any]:
@@ -52,6 +52,12 @@ def parts_of(shape: Any, kind: str, outside: str = "SHAPE") -> Iterator[Any]:
     while explorer.More():
         yield explorer.Current()
         explorer.Next()
+
+
+def outer_parts(shape: Any) -> list[Any]:
+    """The faces of a shape, then its edges that belong to no face, each once."""
+    parts = (*parts_of(shape, "FACE"), *parts_of(shape, "EDGE", outside="FACE"))
+    return [*{hash(part): part for part in parts}.values()]
 
 
 def _free_boundary(shapes: Iterable[Any]) -> list[Any]:
@@ -72,8 +78,8 @@ def used_once(shape: Any) -> list[tuple[Any, Any]]:
     return [(face, edge) for face, edge in uses if count[hash(edge)] == 1]
 
 
-def _of_one_degree(edges: Iterable[Any]) -> list[CadEdge]:
-    """Edges as splines of the highest degree of all; degenerate ones, as at the apex of a cone, are left out."""
+def edges_of(edges: Iterable[Any]) -> list[CadEdge]:
+    """Edges of shapes as splines of the highest degree of all, without degenerate ones, as at the apex of a cone."""
     from OCP.BRep import BRep_Tool
     from OCP.TopAbs import TopAbs_REVERSED
     from OCP.TopoDS import TopoDS

@@ -13,7 +13,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinor_geom.adapters.cad_edges import parts_of
+from spinor_geom.adapters.cad_edges import outer_parts, parts_of
 from spinor_geom.errors import CadFileError, OptionError, require
 from spinor_geom.files import atomic_path
 from spinor_geom.mesh.rational_splines import NurbsCurve, NurbsPatch
@@ -172,9 +172,7 @@ def read_shape(path: str | os.PathLike[str]) -> Any:
     Raises a CadFileError for an unknown suffix, a missing or malformed file, or one without shapes, and a
     MissingPackageError without OCP.
     """
-    suffix = require_cad_suffix(path)
-    if not Path(path).is_file():
-        raise CadFileError(f"{os.fspath(path)}: there is no such file; check the name")
+    suffix = _require_cad_file(path)
     from OCP.BRep import BRep_Builder
     from OCP.BRepTools import BRepTools
     from OCP.IFSelect import IFSelect_RetDone
@@ -193,8 +191,83 @@ def read_shape(path: str | os.PathLike[str]) -> Any:
                 reader.TransferRoots()
                 shape = reader.OneShape()
     if not done or shape.IsNull():
-        raise CadFileError(f"{os.fspath(path)}: has no shape that Open CASCADE can read; check the file")
+        raise _unreadable(path)
     return shape
+
+
+def _require_cad_file(path: str | os.PathLike[str]) -> str:
+    """The suffix of an existing CAD file. Raises as `read_shape`."""
+    suffix = require_cad_suffix(path)
+    if not Path(path).is_file():
+        raise CadFileError(f"{os.fspath(path)}: there is no such file; check the name")
+    return suffix
+
+
+def _unreadable(path: str | os.PathLike[str]) -> CadFileError:
+    return CadFileError(f"{os.fspath(path)}: has no shape that Open CASCADE can read; check the file")
+
+
+def named_parts(path: str | os.PathLike[str]) -> list[tuple[tuple[str, ...], Any]]:
+    """The `outer_parts` of the shapes of a STEP file in millimetres, each after its names.
+
+    These are its own name, then those of the parts and assemblies that contain it, the innermost first. Raises as
+    `read_shape`.
+    """
+    _require_cad_file(path)
+    from OCP.IFSelect import IFSelect_RetDone
+    from OCP.Interface import Interface_Static
+    from OCP.STEPCAFControl import STEPCAFControl_Reader
+    from OCP.TCollection import TCollection_ExtendedString
+    from OCP.TDocStd import TDocStd_Document
+    from OCP.TopLoc import TopLoc_Location
+    from OCP.XCAFDoc import XCAFDoc_DocumentTool
+
+    document, reader = TDocStd_Document(TCollection_ExtendedString("XmlXCAF")), STEPCAFControl_Reader()
+    Interface_Static.SetIVal_s("read.stepcaf.subshapes.name", 1)
+    with _silent():
+        done = reader.ReadFile(os.fspath(path)) == IFSelect_RetDone and reader.Transfer(document)
+    tool = XCAFDoc_DocumentTool.ShapeTool_s(document.Main())
+    roots = [label for label in _children(tool.Label()) if tool.IsFree_s(label)]
+    if not done or not roots:
+        raise _unreadable(path)
+    # not lazily: labels end with their document
+    return [part for label in roots for part in _parts_of_label(label, (), TopLoc_Location())]
+
+
+def _parts_of_label(label: Any, names: tuple[str, ...], place: Any) -> Iterator[tuple[tuple[str, ...], Any]]:
+    """The `named_parts` of a shape of a document, moved to a place."""
+    from OCP.TDF import TDF_Label
+    from OCP.XCAFDoc import XCAFDoc_ShapeTool as Tool
+
+    names = (*_names(label), *names)
+    if Tool.IsReference_s(label):
+        referred = TDF_Label()
+        Tool.GetReferredShape_s(label, referred)
+        yield from _parts_of_label(referred, names, place.Multiplied(Tool.GetLocation_s(label)))
+        return
+    for component in filter(Tool.IsComponent_s, _children(label)):
+        yield from _parts_of_label(component, names, place)
+    if not Tool.IsAssembly_s(label):
+        own = {hash(Tool.GetShape_s(one)): _names(one) for one in filter(Tool.IsSubShape_s, _children(label))}
+        for part in outer_parts(Tool.GetShape_s(label)):
+            yield (*own.get(hash(part), ()), *names), part.Moved(place)
+
+
+def _names(label: Any) -> tuple[str, ...]:
+    """The name of a label, if it has one."""
+    from OCP.TDataStd import TDataStd_Name
+
+    name = TDataStd_Name()
+    return (name.Get().ToExtString(),) if label.FindAttribute(TDataStd_Name.GetID_s(), name) else ()
+
+
+def _children(label: Any) -> Iterator[Any]:
+    from OCP.TDF import TDF_ChildIterator
+
+    children = TDF_ChildIterator(label)
+    while children.More():
+        yield children.Value()
+        children.Next()
 
 
 def triangulated(shape: Any) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:

@@ -68,8 +68,8 @@ def to_mesh(obj: Any) -> TriangleMesh:
     Args:
         obj: a `TriangleMesh`, a pair (vertices, faces) of numpy arrays or torch tensors, a `trimesh.Trimesh` or
             `Scene`, a `pyvista.PolyData` or `UnstructuredGrid`, an `open3d.geometry.TriangleMesh`, a `meshio.Mesh`,
-            the current mesh of a `pymeshlab.MeshSet`, a `bpy.types.Object` or `Mesh`, a `MeshFile`, the path of a mesh
-            file, or any type an adapter was registered for.
+            the current mesh of a `pymeshlab.MeshSet`, a `compas.datastructures.Mesh`, a `bpy.types.Object` or `Mesh`, a
+            `MeshFile`, the path of a mesh file, or any type an adapter was registered for.
 
     Raises:
         UnknownMeshTypeError: no adapter supports the type.

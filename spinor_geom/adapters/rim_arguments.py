@@ -51,12 +51,13 @@ def to_rims(what: Any, loop: int | None = None) -> list[Rim]:
 def is_mesh(what: Any) -> bool:
     """Whether an argument is a mesh, and not one or several curves.
 
-    Two arrays are the vertices and faces of a mesh if the second has integers, else two curves.
+    Two arrays are the vertices and faces of a mesh if the second has integers, else two curves. An object that is a
+    sequence of points, such as a polyline of COMPAS, is a curve.
     """
     if isinstance(what, (list, tuple)):
         kind = str(getattr(what[1], "dtype", "")) if len(what) == 2 else ""
         return kind.rpartition(".")[2].startswith(("int", "uint"))
-    return not isinstance(what, (BoundaryLoop, ClosedCurve, np.ndarray))
+    return not isinstance(what, (BoundaryLoop, ClosedCurve, np.ndarray)) and np.ndim(what) != 2
 
 
 def _loop_of_mesh(what: Any, loop: int | None) -> BoundaryLoop:

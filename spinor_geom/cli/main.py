@@ -322,7 +322,7 @@ def _add_membrane(commands: _Commands) -> None:
         epilog="exit status: 0: the film was written and its forces balance; 1: the file or the balance exceeds its "
         f"tolerance, see standard error; {_UNUSABLE}, or there is no equilibrium. Prints cables and forces as JSON.",
     ).add_argument
-    add("input", **_path("FRAME"), help="JSON file of the edges, see docs/membranes.md")
+    add("input", **_path("FRAME"), help="JSON or STEP file of the edges, see docs/membranes.md and docs/cad.md")
     _add_film(add, "mean edges (default: 1e-4)", 60.0)
     add("--html", **_path("HTML"), help="write a page with the film to turn, its cables and the forces of the supports")
 

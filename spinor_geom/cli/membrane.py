@@ -1,4 +1,4 @@
-"""`spinor-geom membrane`: the film inside a frame of a JSON file, and the forces on its supports."""
+"""`spinor-geom membrane`: the film inside a frame of a file, and the forces on its supports."""
 
 from __future__ import annotations
 

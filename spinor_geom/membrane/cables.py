@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Float
@@ -113,6 +114,9 @@ class SymmetryPlane:
 
     point: ArrayLike
     normal: ArrayLike
+
+
+Edge: TypeAlias = Cable | Ring | SymmetryPlane | OpenCurve | ArrayLike
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,24 +5,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import TypeAlias, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from numpy.typing import ArrayLike
 from scipy.spatial.distance import cdist
 
 from spinor_geom.errors import OptionError
-from spinor_geom.membrane.cables import Cable, CableEdge, FixedEdge, Ring, Stay, SymmetryPlane
+from spinor_geom.membrane.cables import Cable, CableEdge, Edge, FixedEdge, Ring, Stay, SymmetryPlane
 from spinor_geom.mesh.boundary_loop import diagonals
 from spinor_geom.mesh.curve import ClosedCurve
 from spinor_geom.mesh.open_curve import OpenCurve
 from spinor_geom.plateau.mirrored import MirrorPlanes
 
-Edge: TypeAlias = Cable | Ring | SymmetryPlane | OpenCurve | ArrayLike
 E = TypeVar("E", bound=Cable | Ring | OpenCurve)
 
-_MEETING = 1e-9  # distance of ends that are one point, relative to the size
+_MEETING = 1e-6  # distance of ends that are one point, relative to the size
 _ENDS = np.array([0.0, 1.0])
 
 
@@ -291,13 +289,17 @@ def _chained(sides: Sequence[tuple[int, E]], tolerance: float) -> list[tuple[int
         at, is_backward = np.unravel_index(gaps.argmin(), gaps.shape)
         number, own = left.pop(int(at))
         chain.append((number, _moved(own, _points(own)[::-1]) if is_backward else own))
+    joined = []
     for (first, one), (second, other) in zip(chain, [*chain[1:], *chain[:1]], strict=True):
-        gap = float(np.linalg.norm(_points(other)[0] - _points(one)[-1]))
+        points, start = np.array(_points(one)), _points(other)[0]
+        gap = float(np.linalg.norm(start - points[-1]))
         if gap > tolerance:
             raise OptionError(
                 f"edge {first} ends {gap:.3g} away from the nearest end of another, edge {second}; join them"
             )
-    return chain
+        points[-1] = start
+        joined.append((first, _moved(one, points)))
+    return joined
 
 
 def _points(edge: Cable | Ring | OpenCurve) -> Float[np.ndarray, "m 3"]:

@@ -19,9 +19,11 @@ from scipy.linalg import cho_factor, cho_solve, eigh
 from spinor_geom.errors import LoopError, OutOfTimeError, SurfaceError, require_positive
 from spinor_geom.gradients.area_hessian import boundary_form, rim_terms
 from spinor_geom.gradients.rim_nodes import RimNodes
-from spinor_geom.membrane.cables import Cable, CableEdge, Stay
-from spinor_geom.membrane.frame import Edge, Frame
+from spinor_geom.membrane.cables import Cable, CableEdge, Edge, Stay
+from spinor_geom.membrane.frame import Frame
+from spinor_geom.membrane.frame_file import edges_of_argument
 from spinor_geom.mesh.curve import ClosedCurve
+from spinor_geom.plateau.options import Model
 from spinor_geom.plateau.route_result import FAILURES
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.solve import solve_plateau
@@ -34,6 +36,7 @@ _LEAST = 1e-9  # eigenvalue, relative to the largest one
 # Relative to the size: a predicted next step below the first ends the search. Steps below the second that do
 # not decrease end it too, because they have the size of the film's error. Longer ones than the third are shortened.
 _FINAL, _NOISE, _LONGEST = 1e-7, 1e-5, 0.15
+_ROUGH, _ROUGHLY = 1e-4, 1e-3  # expected step above which the film is computed with the second tolerance
 _BALANCED = 1e-9  # largest force that is left at a free node or ring, relative to tensions and size
 
 
@@ -117,8 +120,9 @@ def solve_membrane(
 
     Args:
         edges: in any order and direction: cables; fixed edges, which are `OpenCurve`s without corners or (m, 3) points,
-            two of them for a straight line; stays; rings; and up to three mutually orthogonal planes of symmetry, in
-            which the others are reflected.
+            two of them for a straight line; stays; rings; up to three mutually orthogonal planes of symmetry, in which
+            the others are reflected; and shapes of build123d, CadQuery or OCP, whose labels are their kinds as in STEP
+            files.
         tolerance: of the film, as for `solve_plateau`. Its boundary is usually nearer by orders of magnitude.
         time_limit: seconds in all. A film in progress may exceed it.
 
@@ -134,7 +138,7 @@ def solve_membrane(
     """
     require_positive("tolerance", tolerance)
     require_positive("time_limit", time_limit, finite=False)
-    frame, begin = Frame.of(edges), perf_counter()
+    frame, begin = Frame.of([edge for one in edges for edge in edges_of_argument(one)]), perf_counter()
     if not frame.rings and frame.turns >= np.pi * (len(frame.edges) - 2):
         raise SurfaceError(_collapsed(frame, "its cables would turn by more than its corners leave room for"))
     control, tensions = frame.start, np.array([one.first_tension for one in frame.cables], dtype=np.float64)
@@ -146,8 +150,11 @@ def solve_membrane(
         left = time_limit - (perf_counter() - begin)
         if left <= 0:
             raise OutOfTimeError
-        state = _State(frame=frame, control=control, film=_film(frame, control, tolerance, left))
-        is_done = _has_stalled(steps, frame.size) or (_has_converged(steps, frame.size) and state.is_balanced(tensions))
+        expected = _next_step(steps) / frame.size
+        is_rough = expected > _ROUGH and len(frame.unknowns) > 0
+        film = _film(frame, control, max(tolerance, _ROUGHLY) if is_rough else tolerance, left)
+        state = _State(frame=frame, control=control, film=film)
+        is_done = _has_stalled(steps, frame.size) or (expected <= _FINAL and state.is_balanced(tensions))
         if is_done or not len(frame.unknowns) or len(steps) == _MOST_STEPS:
             break
         ahead = float((state.gradient(tensions) * move).sum())
@@ -175,9 +182,9 @@ def solve_membrane(
     return state.membrane(tensions, tuple(steps))
 
 
-def _has_converged(steps: list[float], size: float) -> bool:
-    """Whether the next step is negligible, predicted from the last two."""
-    return len(steps) > 1 and steps[-1] * min(1.0, steps[-1] / steps[-2]) <= _FINAL * size
+def _next_step(steps: list[float]) -> float:
+    """The size of the next step, predicted from the last two. At first it is that of the last one."""
+    return steps[-1] ** 2 / max(*steps[-2:], np.finfo(float).tiny) if steps else np.inf
 
 
 def _has_stalled(steps: list[float], size: float) -> bool:
@@ -198,8 +205,12 @@ def _collapsed(frame: Frame, why: str) -> str:
 def _film(frame: Frame, control: Float[np.ndarray, "c 3"], tolerance: float, time_limit: float) -> PlateauSolution:
     """The film inside the frame for control points of the cables."""
     curves = frame.curves(control)
+    # between two rims the other routes resolve corners less well, and take longer
+    model: Model = "cauchy" if frame.edges and len(curves) == 2 else "auto"
     try:
-        film = solve_plateau(curves if frame.rings else curves[0], tolerance=tolerance, time_limit=time_limit)
+        film = solve_plateau(
+            curves if frame.rings else curves[0], model=model, tolerance=tolerance, time_limit=time_limit
+        )
     except (LoopError, *FAILURES) as error:
         raise SurfaceError(_collapsed(frame, f"its edges do not bound a film ({error})")) from error
     if not isinstance(film, PlateauSolution):

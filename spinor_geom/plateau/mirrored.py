@@ -56,9 +56,9 @@ class MirrorPlanes:
         try:
             given = np.asarray(planes, dtype=np.float64)
         except (TypeError, ValueError):
-            raise OptionError(f"mirror must be one to three pairs (point, normal), not {planes!r}") from None
+            given = np.empty(0)
         if given.ndim != 3 or given.shape[1:] != (2, 3) or not 1 <= len(given) <= 3 or not np.isfinite(given).all():
-            raise OptionError(f"mirror must be one to three pairs (point, normal), got an array of shape {given.shape}")
+            raise OptionError(f"mirror must be one to three pairs (point, normal), not {planes!r}")
         length = np.linalg.norm(given[:, 1], axis=1)
         if not length.all():
             raise OptionError(f"the normal of plane {int(length.argmin())} is 0; give the direction of its normal")
@@ -170,7 +170,6 @@ class _PartEvidence(Evidence):
 
     @cached_property
     def stability(self) -> Stability:
-        """Verdict of the second variation of the whole film."""
         return self.whole.stability
 
 
@@ -274,12 +273,8 @@ class _Part:
     planes: MirrorPlanes
 
     @property
-    def _surface(self) -> ArraySurface:
-        return self.whole.array_surface
-
-    @property
     def solution(self) -> PlateauSolution:
-        sides, whole, surface = self._sides(), self.whole, self._surface
+        sides, whole, surface = self._sides(), self.whole, self.whole.array_surface
         starts = np.append(0.0, np.cumsum([side.length for side in sides]))
         breaks, values, corners = _chained([side.plane for side in sides], starts)
         plane = through(np.stack([values.real, values.imag], axis=-1), np.diff(breaks))
@@ -297,10 +292,10 @@ class _Part:
             at_points=None if at_loop.all() else at_loop,
         )
         loop = BoundaryLoop.from_points(values[0, at_loop], corners=np.flatnonzero(corners[at_loop]))
+        spans = pairwise((starts / starts[-1]).tolist())
         pairs = [(side.pairs + start) / starts[-1] for side, start in zip(sides, starts, strict=False)]
         root = domain.triangulation.points[domain.root : domain.root + 1]
         make = partial(ArraySurface, surface.model, domain, surface.position(root)[0], spinor_map=surface.spinor_map)
-        ends = (starts / starts[-1]).tolist()
         return replace(
             whole,
             rims=(RimMatch(loop=loop, curve=curve, boundary=boundary, matching=np.concatenate(pairs)),),
@@ -310,7 +305,7 @@ class _Part:
             route="mirrored",
             evidence=_PartEvidence(make=make, whole=whole.evidence),
             annulus=None,
-            free_edges=tuple(span for span, side in zip(pairwise(ends), sides, strict=True) if side.is_free),
+            free_edges=tuple(span for span, side in zip(spans, sides, strict=True) if side.is_free),
         )
 
     def _sides(self) -> list[_Side]:
@@ -344,7 +339,7 @@ class _Part:
         """∫ φ dz along segments."""
         gauss = rule("gauss", PATH_ORDER)
         z = start[:, None] + (end - start)[:, None] * gauss.nodes
-        values = self._surface.null_curve(z.ravel()).reshape(*z.shape, 3)
+        values = self.whole.array_surface.null_curve(z.ravel()).reshape(*z.shape, 3)
         return np.asarray(np.einsum("mgk,g,m->mk", values, gauss.weights, end - start))
 
     def _traced(
@@ -354,30 +349,27 @@ class _Part:
 
         Returns with them the number of the curve or of the other plane.
         """
-        surface, normals, size = self._surface, self.planes.normals, self.whole.rims[0].loop.diagonal
-        step, path = _STEP * size, [z]
-        position = surface.position(np.array([z]))[0]
-        ends = {k: surface.position(np.array([target]))[0] for k, target in targets.items()}
+        surface, planes, step = self.whole.array_surface, self.planes, _STEP * self.whole.diagonal
 
         def ahead(w: complex) -> complex:
-            return 1j / complex(surface.null_curve(np.array([w]))[0] @ normals[plane])
+            return 1j / complex(surface.null_curve(np.array([w]))[0] @ planes.normals[plane])
 
-        sign = 1.0 if (np.conj(before) * ahead(z)).imag > 0 else -1.0
-        others = [k for k in range(len(normals)) if k != plane]
+        path, r = [z], surface.position(np.array([z]))[0]
+        ends = {k: surface.position(np.array([target]))[0] for k, target in targets.items()}
+        way = step if (np.conj(before) * ahead(z)).imag > 0 else -step
         for number in range(int(_LONGEST / _STEP)):
-            reached = [k for k, end in ends.items() if np.linalg.norm(end - position) < 1.5 * step]
+            reached = [k for k, end in ends.items() if np.linalg.norm(end - r) < 1.5 * step]
             if reached and number:
                 return np.array([*path, targets[reached[0]]]), reached[0], None
             # the midpoint rule, then a step of Newton's method towards the plane
-            half = z + 0.5 * sign * step * ahead(z)
-            new = z + sign * step * ahead(half)
-            moved = position + self._integral(np.array([z]), np.array([new]))[0].real
-            new += 1j * ahead(new) * self.planes.heights(moved)[plane]
-            heights = self.planes.heights(position), self.planes.heights(moved)
-            crossed = [k for k in others if heights[0][k] * heights[1][k] < 0 and number]
-            if crossed:
-                return np.array([*path, self._crossing(new, plane, crossed[0])]), None, crossed[0]
-            position = position + self._integral(np.array([z]), np.array([new]))[0].real
+            new = z + way * ahead(z + 0.5 * way * ahead(z))
+            moved = r + surface.integrate(np.array([z]), np.array([new]))[0]
+            new += 1j * planes.heights(moved)[plane] * ahead(new)
+            crossed = np.flatnonzero(planes.heights(r) * planes.heights(moved) < 0)
+            crossed = crossed[crossed != plane]
+            if len(crossed) and number:
+                return np.array([*path, self._crossing(new, plane, int(crossed[0]))]), None, int(crossed[0])
+            r = r + surface.integrate(np.array([z]), np.array([new]))[0]
             z = new
             path.append(z)
         raise SurfaceError("a free edge of the film ends at no given curve; the part inside is no disk with free edges")
@@ -386,15 +378,15 @@ class _Part:
         """The point near z where the film meets two planes, by Newton's method."""
         both = [plane, other]
         for _ in range(_NEWTON):
-            slope = self._surface.null_curve(np.array([z]))[0] @ self.planes.normals[both].T
-            away = self.planes.heights(self._surface.position(np.array([z]))[0])[both]
+            slope = self.whole.array_surface.null_curve(np.array([z]))[0] @ self.planes.normals[both].T
+            away = self.planes.heights(self.whole.array_surface.position(np.array([z]))[0])[both]
             x, y = np.linalg.solve(np.stack([slope.real, -slope.imag], axis=1), -away)
             z += complex(x, y)
         return z
 
     def _free_side(self, path: Complex[np.ndarray, " k"], plane: int) -> _Side:
         """The free edge near points of Ω: Re F is 0, except near ends that are off the plane by the residual."""
-        normal, surface = self.planes.normals[plane], self._surface
+        normal, surface = self.planes.normals[plane], self.whole.array_surface
         first, last = path[1] - path[0], path[-2] - path[-1]
         path = np.concatenate(
             [path[:1], path[0] + first * TOWARDS_CORNER[::-1], path[1:-1], path[-1] + last * TOWARDS_CORNER, path[-1:]]

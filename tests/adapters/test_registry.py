@@ -96,7 +96,7 @@ def test_import_and_lookup_import_no_optional_library() -> None:
         "    pass\n"
         "assert len(read_mesh('data/trimesh_reference.obj').mesh.faces) == 1610\n"
         "heavy = {'trimesh', 'torch', 'pymeshlab', 'PIL', 'igl', 'pyvista', 'vtkmodules', 'open3d', 'meshio'}\n"
-        "heavy |= {'OCP', 'build123d'}\n"
+        "heavy |= {'OCP', 'build123d', 'compas'}\n"
         "found = sorted(heavy & set(sys.modules))\n"
         "assert not found, found\n"
     )

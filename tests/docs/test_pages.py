@@ -46,7 +46,7 @@ SLOW = (
 PAGES = [
     pytest.param(page.name, marks=pytest.mark.slow if page.name in SLOW else ()) for page in sorted(DOCS.glob("*.md"))
 ]
-PACKAGES = {"blender.md": "bpy", "cad.md": "build123d"}  # without wheels on some systems
+PACKAGES = {"blender.md": ["bpy"], "cad.md": ["build123d", "compas"]}  # without wheels on some systems
 STUBS = {
     "dask_jobqueue.py": "SLURMCluster",
     "dask_kubernetes/operator.py": "KubeCluster",
@@ -137,8 +137,8 @@ def require_printed(page: Path, output: str) -> None:
 def test_the_blocks_of_a_page_run_in_order(
     name: str, clone: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    if name in PACKAGES:
-        pytest.importorskip(PACKAGES[name])
+    for package in PACKAGES.get(name, []):
+        pytest.importorskip(package)
     monkeypatch.setattr("spinor_geom.bench.runner.run_isolated", not_measured)
     shell = CodeBlockParser(language="sh", evaluator=run_shell)
     document = Sybil(parsers=[shell] if name == SCRIPTS else [PythonCodeBlockParser(), shell]).parse(DOCS / name)
