@@ -313,7 +313,7 @@ class PlaneDomain:
         return (self.distance_outside(z.ravel()) < 0).reshape(z.shape)
 
     @cached_property
-    def _fine_polygons(self) -> tuple[Float[np.ndarray, "n 2"], Int[np.ndarray, "n 2"]]:
+    def fine_polygons(self) -> tuple[Float[np.ndarray, "n 2"], Int[np.ndarray, "n 2"]]:
         """Points on all boundaries, and the edges between them."""
         parts = [sampled(boundary, 16) for boundary in self.boundaries]
         after = rim_successors(tuple(map(len, parts)))
@@ -324,7 +324,7 @@ class PlaneDomain:
         if not len(z):
             return np.zeros(0)
         by_normals = igl.SIGNED_DISTANCE_TYPE_PSEUDONORMAL
-        return np.asarray(igl.signed_distance(plane_coordinates(z), *self._fine_polygons, sign_type=by_normals)[0])
+        return np.asarray(igl.signed_distance(plane_coordinates(z), *self.fine_polygons, sign_type=by_normals)[0])
 
     @cached_property
     def root(self) -> int:

@@ -30,6 +30,7 @@ from scipy.ndimage import uniform_filter1d
 from scipy.spatial import cKDTree
 
 from spinor_geom.arrays import TINY
+from spinor_geom.deadline import require_time
 from spinor_geom.discrete.first_fill import disk_without_inner_points
 from spinor_geom.discrete.minimal_surface import first_disk
 from spinor_geom.errors import SheetBorderError, SpinorGeomError
@@ -44,6 +45,7 @@ _CLEARLY_NEGATIVE = -np.pi  # rule 1
 _COLLAR = 0.1  # in units of w. With half of it the turning around half-pipes is too small
 _POINTS_PER_WIDTH = 4  # of the smoothed loop
 _MOST_POINTS = 10_000  # of longer loops, only every k-th point is compared with the mesh
+_AT_ONCE = 2048  # points of which the nearest ones on a loop are found: in a tangle each takes a millisecond
 _MOST_WIDTHS = 40  # limits the smoothed loop to 160 points, the maximum of the first fill
 _ROUNDS = 3  # iterations for w. After one, smoothed rims of noisy UV spheres are still rough
 
@@ -175,9 +177,13 @@ def _disk_normals(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
 def _nearest_on(
     loop: BoundaryLoop, points: Float[np.ndarray, "k 3"]
 ) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, " k"]]:
-    """The nearest points on a loop, and the arc length up to each."""
-    first = np.arange(len(loop))
-    _, edge, foot = nearest_on_mesh(points, loop.points, np.stack([first, np.roll(first, -1)], axis=1))
+    """The nearest points on a loop, and the arc length up to each. Raises an OutOfTimeError."""
+    k = np.arange(len(loop))
+    edges, found = np.stack([k, np.roll(k, -1)], axis=1), []
+    for first in range(0, max(len(points), 1), _AT_ONCE):
+        require_time()
+        found.append(nearest_on_mesh(points[first : first + _AT_ONCE], loop.points, edges))
+    edge, foot = (np.concatenate([one[column] for one in found]) for column in (1, 2))
     along = np.cumsum(loop.edge_lengths)[edge] - loop.edge_lengths[edge]
     return foot, along + np.linalg.norm(foot - loop.points[edge], axis=1)
 

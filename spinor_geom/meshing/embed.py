@@ -35,8 +35,9 @@ from spinor_geom.surface.array_surface import ArraySurface
 
 _FINE = 16  # points at which the length of each piece of the boundary is measured
 _FEWEST = 6  # edges of a side between corners
-# Upper bound of the seconds that a patch takes for each of its vertices: 1.5e-5 on smooth rims of 1,500 points.
-_SECONDS_PER_VERTEX = 4e-5
+# Upper bound of the seconds that a patch takes for each of its vertices, from its triangulation to the search for its
+# intersections: 1.5e-5 on smooth rims of 1,500 points.
+_SECONDS_PER_VERTEX = 5e-5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

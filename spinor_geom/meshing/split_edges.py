@@ -13,8 +13,10 @@ from itertools import combinations
 
 import numpy as np
 from jaxtyping import Complex, Int
+from scipy.spatial import cKDTree
 
-from spinor_geom.domain.delaunay import Rims, flat_coordinates, rim_successors, unique_edges
+from spinor_geom.arrays import norm
+from spinor_geom.domain.delaunay import Rims, flat_coordinates, plane_coordinates, rim_successors, unique_edges
 from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary
 from spinor_geom.domain.polygons import crossing_edges
 from spinor_geom.domain.triangulation import PlaneTriangulation
@@ -25,6 +27,7 @@ from spinor_geom.plateau.rim_match import RimMatch
 
 _ROUNDS = 6  # of halving edges
 _SAME = 1e-12  # largest distance of equal points, per size of Ω
+_AS_NEAR = 2.0  # in units of the largest distance of the arcs from the boundary edges
 _FAR_OUTSIDE = 0.1  # distance from Ω in edge lengths. The nearest poles are about one edge length outside
 
 Polygons = Sequence[Complex[np.ndarray, "_"]]
@@ -36,12 +39,18 @@ def edges_far_from_arcs(domain: PlaneDomain, plane: PlaneTriangulation) -> Int[n
     m = plane.boundary_size
     if _is_polygon(domain, plane.points[:m]):
         return np.zeros(0, dtype=np.int64)
-    outside = domain.distance_outside(plane.points[m:])
-    some = outside > 0
-    z, boundary, after = plane.points[m:][some], plane.points[:m], rim_successors(plane.rims)
+    boundary, after = flat_coordinates(plane.points[:m]), rim_successors(plane.rims)
     edges = np.stack([np.arange(m), after], axis=1)
-    _, nearest, _ = nearest_on_mesh(flat_coordinates(z), flat_coordinates(boundary), edges)
-    return np.unique(nearest[outside[some] > _FAR_OUTSIDE * np.abs(boundary[after] - boundary)[nearest]])
+    # the signed distance of each of a million inner points takes long. Only those beside the arcs can be outside
+    points, pieces = domain.fine_polygons
+    squared, _, _ = nearest_on_mesh(np.column_stack([points, 0 * points[:, 0]]), boundary, edges)
+    reach = _AS_NEAR * np.sqrt(squared.max()) + norm(points[pieces[:, 1]] - points[pieces[:, 0]]).max()
+    far, _ = cKDTree(points).query(plane_coordinates(plane.points[m:]), distance_upper_bound=reach)
+    z = plane.points[m:][np.isfinite(far)]
+    outside = domain.distance_outside(z)
+    z, outside = z[outside > 0], outside[outside > 0]
+    _, nearest, _ = nearest_on_mesh(flat_coordinates(z), boundary, edges)
+    return np.unique(nearest[outside > _FAR_OUTSIDE * norm(boundary[after] - boundary)[nearest]])
 
 
 def _is_polygon(domain: PlaneDomain, vertices: Complex[np.ndarray, " m"]) -> bool:

@@ -8,7 +8,8 @@ from contextlib import nullcontext
 import numpy as np
 import pytest
 
-from spinor_geom.errors import ImperfectFillWarning, SheetBorderError
+from spinor_geom.deadline import time_limit
+from spinor_geom.errors import ImperfectFillWarning, OutOfTimeError, SheetBorderError
 from spinor_geom.fill.borders import require_no_border
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.patched_mesh import PatchedMesh
@@ -66,4 +67,6 @@ def test_a_rim_of_many_points_is_compared_at_some_of_them(depth: float, is_borde
     mesh = TriangleMesh(np.concatenate([rim, inner]), faces)
     loop = find_boundary_loops(mesh)[0]
     with pytest.raises(SheetBorderError) if is_border else nullcontext():
+        require_no_border(PatchedMesh(mesh, [loop]), loop)
+    with time_limit(-1), pytest.raises(OutOfTimeError):
         require_no_border(PatchedMesh(mesh, [loop]), loop)

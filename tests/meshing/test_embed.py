@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from spinor_geom import gallery, read_mesh, solve_plateau
+from spinor_geom.deadline import time_limit
 from spinor_geom.domain.sizes import EdgeLengths
 from spinor_geom.domain.triangulation import triangulate_polygon
 from spinor_geom.errors import CadFileError, DomainError, OptionError
@@ -28,6 +29,19 @@ def check_is_a_patch(patch, solution):
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     exact = solution.surface.normal(patch.points[patch.faces].mean(axis=1))
     assert ((normal * exact).sum(axis=1) > 0).all()
+
+
+def test_refinement_leaves_time_for_the_positions_of_its_points(monkeypatch):
+    given = []
+
+    def kept(*arguments, seconds, **more):
+        given.append(seconds)
+        return triangulate_polygon(*arguments, seconds=seconds, **more)
+
+    monkeypatch.setattr("spinor_geom.meshing.triangulate.triangulate_polygon", kept)
+    with time_limit(1000):
+        mesh_patch(exact_solution(ENNEPER, 33))
+    assert 0 < given[0] < 500
 
 
 @pytest.mark.parametrize("vertices", [8, 33, 100, 230])

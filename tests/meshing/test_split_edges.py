@@ -70,6 +70,19 @@ def test_boundary_is_the_loop_s_where_chords_cross(seed: int) -> None:
     assert patch.area < solution.area + np.pi * (1 + 0.6**2)
 
 
+def test_signed_distances_are_computed_beside_the_rim_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    counts = []
+    exact = PlaneDomain.distance_outside
+
+    def counted(self: PlaneDomain, z: np.ndarray) -> np.ndarray:
+        counts.append(len(z))
+        return exact(self, z)
+
+    monkeypatch.setattr(PlaneDomain, "distance_outside", counted)
+    patch = mesh_over_points(annulus(), 0.02)
+    assert sum(counts) < len(patch.vertices) / 4
+
+
 def test_no_chord_is_far_from_a_polygon_s_own_edges(monkeypatch: pytest.MonkeyPatch) -> None:
     """Ω of a rough loop is a polygon, whose patch needs no distances from ∂Ω."""
     t = 2 * np.pi * np.arange(40) / 40
