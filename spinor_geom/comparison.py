@@ -207,7 +207,7 @@ def _baseline(
         given = discrete_minimal_surface(loops) if len(loops) == 2 else patch.relaxed()
     mesh = TriangleMesh(given.vertices, given.faces)
     _require_same_rims(mesh, loops)
-    return "discrete minimal surface", given.seconds, mesh
+    return f"{given.method} mesh", given.seconds, mesh
 
 
 def _patch_of(mesh: TriangleMesh, loops: Sequence[BoundaryLoop]) -> TriangleMesh:

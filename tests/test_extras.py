@@ -98,6 +98,7 @@ uses = {
         *(lambda name=name: getattr(spinor_geom, name) for name in ("ComplexMLP", "SpinorSurface", "minimal_area")),
         lambda: __import__("spinor_geom.training"),
     ],
+    "meshlab": [lambda: spinor_geom.discrete_minimal_surface(loop, method="pymeshlab")],
     "render": [lambda: spinor_geom.report(report)],
 }
 for extra, calls in uses.items():
@@ -108,4 +109,4 @@ for extra, calls in uses.items():
             print(str(error).endswith(f"pip install '.[{extra}]'"))
 """
     done = run_without(program, tmp_path, missing=("torch", "pymeshlab", "matplotlib"))
-    assert done.stdout == 8 * "True\n" + "DONE\n", done.stderr
+    assert done.stdout == 9 * "True\n" + "DONE\n", done.stderr

@@ -53,17 +53,20 @@ def _solved(loop: BoundaryLoop) -> tuple[Surface, Mesh]:
     return solution, mesh_patch(solution)
 
 
-def _discrete(loop: BoundaryLoop, *, uniform: bool = True) -> tuple[Surface, Mesh]:
-    surface = discrete_minimal_surface(loop, target_edge_length=loop.mean_edge_length if uniform else None)
+def _discrete(loop: BoundaryLoop, *, uniform: bool = True, **options: Any) -> tuple[Surface, Mesh]:
+    length = loop.mean_edge_length if uniform else None
+    surface = discrete_minimal_surface(loop, target_edge_length=length, **options)
     return surface, surface
 
 
 _SOLVED = "solve_plateau with its defaults, then mesh_patch with the loop's mean edge"
 _GRADED = "discrete_minimal_surface with its defaults: edges as the loop's at the rim, longer inside"
+_MESHLAB = "discrete_minimal_surface(method='pymeshlab') with the loop's mean edge"
 LOOP_METHODS: Mapping[str, Tool[Callable[[BoundaryLoop], tuple[Surface, Mesh]]]] = {
     "spinor": Tool("spinor_geom", _SOLVED, _solved, 5000),
     "libigl": Tool("spinor_geom", _GRADED, partial(_discrete, uniform=False), 1024),
     "libigl-uniform": Tool("spinor_geom", "the same with the loop's mean edge everywhere", _discrete, 512),
+    "pymeshlab": Tool("spinor_geom", _MESHLAB, partial(_discrete, method="pymeshlab"), 128),
 }
 
 

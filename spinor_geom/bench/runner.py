@@ -30,6 +30,8 @@ TASKS = "spinor_geom.bench.tasks"
 PICTURED = ("icosphere-4-0.3", "torus-outside-0.4", "bunny_scan-02", "demosthenes_low_res-03")
 METHODS: Mapping[str, Tool[Any]] = {**LOOP_METHODS, **FILLERS, **FRAME_METHODS}
 _QUICK = ("enneper-0.8", "tennis-seam", "random-1", "random-1@even", "random-1@uneven", "plane-l", "schwarz-d-quad")
+_SLOW = ("pymeshlab",)  # methods that the short run measures on two cases only
+_COMPARED = ("spinor", "libigl", "libigl-uniform")  # methods that are measured at all samplings of the curves
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,6 +95,11 @@ def _known_cases(settings: Settings) -> Iterable[str]:
 
 
 def _loop_points(settings: Settings, method: str, case: str) -> Iterable[int]:
+    few = settings.quick and not settings.cases
+    if few and method in _SLOW and case not in _QUICK[:2]:
+        return ()
+    if "@" in case and not settings.cases and method not in _COMPARED:
+        return ()
     return (n for n in settings.points if n <= LOOP_METHODS[method].most_points)
 
 

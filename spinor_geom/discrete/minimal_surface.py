@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from jaxtyping import Complex, Float, Int
@@ -25,16 +25,23 @@ from spinor_geom.errors import (
     OptionError,
     OutOfTimeError,
     TooManyRimsError,
+    require,
     require_positive,
 )
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import face_areas, mollified_laplacian, vertices_to_factor
 from spinor_geom.mesh.spacing import edge_lengths
+from spinor_geom.mesh.topology import boundary_edges, is_disk
 from spinor_geom.shown import Shown, shortened
 
+if TYPE_CHECKING:
+    import pymeshlab
+
+DiscreteMethod = Literal["libigl", "pymeshlab"]
 FINE_CHANGE = 1e-8
 _FINE_GROWTH = 0.15
 _MOST_STRETCHED = 4.0  # times the mean stretch from the plane. A larger one does not refine the mesh further
+_REMESHING_STEPS = 5
 _STEPS = 10  # of a descent, each with a factorisation. Most descents take fewer
 
 
@@ -50,6 +57,7 @@ class DiscreteMinimalSurface(Shown):
         area_history: total area after each step of the last descent.
         converged: whether the area became stationary for motions along the vertex normals, to `relative_change`.
         reason: why it did not converge, or the fallback that was used, in one sentence, else empty.
+        method: the `method` argument.
         seconds: wall time.
         is_complete: false if a limit on time or on vertices makes the triangles larger than asked for.
     """
@@ -61,24 +69,26 @@ class DiscreteMinimalSurface(Shown):
     area_history: tuple[float, ...]
     converged: bool
     reason: str
+    method: DiscreteMethod
     seconds: float
     is_complete: bool = True
 
     def __repr__(self) -> str:
         state = "converged" if self.converged else f"not converged: {self.reason}"
         size = f"{len(self.vertices)} vertices, {len(self.faces)} faces, rim of {self.boundary_size} points"
-        return shortened(f"DiscreteMinimalSurface({size}, area {self.area:.6g}, {state})")
+        return shortened(f"DiscreteMinimalSurface({size}, area {self.area:.6g}, {self.method}, {state})")
 
 
 def discrete_minimal_surface(
     loop: Any,
     *,
+    method: DiscreteMethod = "libigl",
     target_edge_length: float | None = None,
     relative_change: float = 1e-8,
 ) -> DiscreteMinimalSurface:
     """A discrete disk over any closed loop, or an annulus between two, of zero discrete mean curvature.
 
-    The loop's minimum-area triangulation is unfolded, the plane polygon is triangulated, and the inner
+    "libigl": the loop's minimum-area triangulation is unfolded, the plane polygon is triangulated, and the inner
     vertices are moved by Pinkall-Polthier iteration. The surface is then flattened, which gives a nearly conformal
     domain, remeshed there, and minimised by Newton's method until no motion along the vertex normals changes the area.
     Tangential motions are excluded, as they degrade the triangles: on Enneper's surface with rims of 48 and 64 points
@@ -89,20 +99,26 @@ def discrete_minimal_surface(
     domain. If the result has more area than the triangulation without inner vertices, that is returned. `reason`
     reports both cases.
 
-    There are at most 200,000 vertices. Two loops start from the strip of least area between them, with edges that grow
-    inwards only.
+    "pymeshlab": MeshLab's isotropic remeshing of that surface, then the same minimisation. Both methods are limited to
+    200,000 vertices.
+
+    Two loops start from the strip of least area between them, by "libigl" and with edges that grow inwards only.
 
     Args:
         loop: a closed loop, (m, 3) points, a mesh with one loop or its path, or a sequence of one loop or of two that
             both have the annulus on their left, as in `PlateauSolution.rims`.
-        target_edge_length: upper bound of the edge length in mesh units. None lets edges grow inwards.
+        method: the library that meshes the surface.
+        target_edge_length: upper bound of the edge length in mesh units. None lets edges grow inwards, and for
+            "pymeshlab" is the loop's mean edge length.
         relative_change: the area is stationary when a step lowers it, or its slope predicts a decrease, by less than
             this share.
 
     Raises:
-        OptionError: an option that annuli do not support, or a number that is not positive.
+        OptionError: unknown method, an option that annuli do not support, or a number that is not positive.
         TooManyRimsError: a sequence of other than one or two loops.
+        FirstFillError: MeshLab did not remesh the surface; "libigl" fills every loop.
         DomainError: no annulus can be meshed between the two loops.
+        MissingPackageError: the method is "pymeshlab", which is not installed.
 
     Source: Pinkall & Polthier (1993); the first fill after Barequet & Sharir (1995).
     """
@@ -111,19 +127,33 @@ def discrete_minimal_surface(
         require_positive("target_edge_length", target_edge_length)
     loops = [rim for rim in to_rims(loop) if isinstance(rim, BoundaryLoop)]
     if len(loops) != 1:
-        if target_edge_length is not None:
-            raise OptionError("target_edge_length is supported for one loop only; leave it out")
+        if method != "libigl" or target_edge_length is not None:
+            raise OptionError("for two loops only method='libigl' without target_edge_length is supported")
         if len(loops) != 2:
             raise TooManyRimsError(sizes=[len(one) for one in loops])
         start, rims = time.perf_counter(), [one.points for one in loops]
         return _result(discrete_annulus(*rims, relative_change=relative_change)[1], np.concatenate(rims), start=start)
-    return surface_over_plane(loops[0], target_edge_length, relative_change)[0]
+    (loop,) = loops
+    if method not in ("libigl", "pymeshlab"):
+        raise OptionError(f"unknown method {method!r}; choose 'libigl' or 'pymeshlab'")
+    if method == "pymeshlab":
+        require("pymeshlab", extra="meshlab")
+    start = time.perf_counter()
+    if method == "libigl":
+        return surface_over_plane(loop, target_edge_length, relative_change)[0]
+    target = (loop.mean_edge_length if target_edge_length is None else target_edge_length) / loop.diagonal
+    disk, _ = _stationary_disk(_at_unit_size(loop), relative_change, target)
+    shortest = edge_length_of(disk.areas[-1], MOST_POINTS)
+    vertices, faces = remeshed(disk.vertices, disk.faces, len(loop), max(target, shortest))
+    disk = descend_area(vertices, faces, len(loop), relative_change=relative_change)
+    surface = _result(disk, loop.points, scale=loop.diagonal, centre=loop.centroid, method=method, start=start)
+    return replace(surface, is_complete=target >= shortest)
 
 
 def surface_over_plane(
     loop: BoundaryLoop, target: float | None, relative_change: float = FINE_CHANGE
 ) -> tuple[DiscreteMinimalSurface, PlaneTriangulation]:
-    """The discrete minimal surface over one loop, and the plane triangulation it was made from.
+    """The discrete minimal surface over one loop by "libigl", and the plane triangulation it was made from.
 
     Under a time limit it has at most as many vertices as can be moved ten times in the time that is left.
 
@@ -166,6 +196,7 @@ def _result(
     boundary: Float[np.ndarray, "m 3"],
     *,
     start: float,
+    method: DiscreteMethod = "libigl",
     scale: float = 1.0,
     centre: Float[np.ndarray, "3"] | float = 0.0,
 ) -> DiscreteMinimalSurface:
@@ -179,6 +210,7 @@ def _result(
         area_history=areas,
         converged=disk.converged,
         reason=disk.reason,
+        method=method,
         seconds=time.perf_counter() - start,
     )
 
@@ -293,3 +325,59 @@ def _capped(polygon: Complex[np.ndarray, " m"], first: Disk, target: float | Non
     stretch = np.minimum(stretch, _MOST_STRETCHED * np.sqrt(area.sum() / max(plane_area.sum(), TINY)))
     x, y = flat[first.faces].mean(axis=1).T
     return SizeField(samples=x + 1j * y, lengths=target / stretch)
+
+
+def remeshed(
+    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], boundary_size: int, size: float
+) -> tuple[Float[np.ndarray, "k 3"], Int[np.ndarray, "t 3"]]:
+    """A disk remeshed by MeshLab with inner edges of about equal length; the boundary is unchanged and comes first.
+
+    Edges away from the boundary triangles are split, collapsed and flipped, then all inner edges are flipped. A disk of
+    boundary triangles only is returned unchanged.
+
+    Raises:
+        FirstFillError: MeshLab failed, moved the boundary, or its result is not a disk.
+    """
+    import pymeshlab
+
+    m, meshes = boundary_size, _mesh_set(vertices, faces)
+    meshes.compute_selection_from_mesh_border()
+    meshes.apply_selection_inverse(invfaces=True)
+    if not meshes.current_mesh().selected_face_number():
+        return vertices, faces
+    ours = {"iterations": _REMESHING_STEPS, "targetlen": pymeshlab.PureValue(size), "featuredeg": 180.0}
+    ours |= {"checksurfdist": False, "reprojectflag": False}
+    try:
+        _remesh(meshes, **ours, selectedonly=True)
+        _remesh(meshes, **ours, splitflag=False, collapseflag=False)
+        mesh = meshes.current_mesh()
+        new, new_faces = mesh.vertex_matrix(), mesh.face_matrix().astype(np.int64)
+    except pymeshlab.PyMeshLabException as error:
+        raise FirstFillError(f"MeshLab did not fill a loop of {m} points: {error}") from error
+    finally:
+        # restore the defaults, which the caller's next calls would inherit
+        _remesh(_mesh_set(np.eye(3), np.array([[0, 1, 2]])))
+    rim, boundary = np.arange(m), boundary_edges(new_faces)
+    kept = np.array_equal(boundary[boundary[:, 0].argsort()], np.stack([rim, np.roll(rim, -1)], axis=1))
+    kept = kept and np.array_equal(new[:m], vertices[:m])
+    if not kept or len(np.unique(new_faces)) < len(new) or not is_disk(new_faces):
+        raise FirstFillError(f"MeshLab's remeshing tore the fill of a loop of {m} points")
+    return new, new_faces
+
+
+def _remesh(meshes: pymeshlab.MeshSet, **options: Any) -> None:
+    """MeshLab's remeshing with explicit defaults: it keeps the options of the previous call."""
+    import pymeshlab
+
+    defaults = {"iterations": 10, "adaptive": False, "selectedonly": False, "targetlen": pymeshlab.PercentageValue(100)}
+    defaults |= {"featuredeg": 30.0, "checksurfdist": True, "splitflag": True, "collapseflag": True, "swapflag": True}
+    defaults |= {"smoothflag": True, "reprojectflag": True}
+    meshes.meshing_isotropic_explicit_remeshing(**defaults | options)
+
+
+def _mesh_set(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> pymeshlab.MeshSet:
+    import pymeshlab
+
+    meshes = pymeshlab.MeshSet(verbose=False)
+    meshes.add_mesh(pymeshlab.Mesh(vertices, faces.astype(np.int32)))
+    return meshes

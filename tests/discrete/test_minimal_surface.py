@@ -1,4 +1,4 @@
-"""The discrete baseline: exact on plane loops, of order two on curved ones, and with an unchanged boundary."""
+"""Both discrete baselines: exact on plane loops, of order two on curved ones, and with an unchanged boundary."""
 
 import numpy as np
 import pytest
@@ -16,56 +16,63 @@ from spinor_geom.mesh.operators import face_areas
 from tests.loops import CONVEX, L_SHAPE, is_disk_on, planar, polygon_area, slit
 from tests.strategies import SEEDS, rough_loops
 
+METHODS = ("libigl", "pymeshlab")
 ENNEPER = gallery.enneper(0.8)
+both = pytest.mark.parametrize("method", METHODS)
 
 
-def filled(loop, **options):
-    return discrete_minimal_surface(loop, relative_change=1e-10, **options)
+def filled(loop, method, **options):
+    return discrete_minimal_surface(loop, method=method, relative_change=1e-10, **options)
 
 
+@both
 @pytest.mark.parametrize("corners", [CONVEX, L_SHAPE], ids=["convex", "L"])
-def test_plane_polygon_has_its_exact_area(corners):
+def test_plane_polygon_has_its_exact_area(corners, method):
     loop = planar(corners, 60)
-    surface = filled(loop)
+    surface = filled(loop, method)
     assert surface.converged
     assert abs(surface.area / polygon_area(corners) - 1) < 1e-12
     assert is_disk_on(loop, surface.vertices, surface.faces)
     assert np.abs(surface.vertices[:, 2]).max() < 1e-14
 
 
-def test_area_of_enneper_converges_at_order_two():
+@both
+def test_area_of_enneper_converges_at_order_two(method):
     counts = np.array([24, 48, 96])
     errors = []
     for n in counts:
         loop = ENNEPER.rim(int(n))
-        errors.append(abs(filled(loop, target_edge_length=loop.mean_edge_length).area / ENNEPER.area - 1))
+        errors.append(abs(filled(loop, method, target_edge_length=loop.mean_edge_length).area / ENNEPER.area - 1))
     slope = -np.polyfit(np.log(counts), np.log(errors), 1)[0]
     # the polygons inscribed in the rim bound less area, in proportion to the squared edge length
     assert 1.8 < slope < 2.3
     assert errors[-1] < 2e-3
 
 
+@both
 @pytest.mark.parametrize("rim", [ENNEPER.rim(64), gallery.tennis_seam(0.8).sample(64)], ids=["Enneper", "seam"])
-def test_stationary_means_no_normal_curvature_and_some_tangential_pull(rim):
-    surface = filled(rim)
+def test_stationary_means_no_normal_curvature_and_some_tangential_pull(rim, method):
+    surface = filled(rim, method)
     assert surface.converged
     curvature = discrete_mean_curvature(surface.vertices, surface.faces)
     assert curvature.rms < 1e-4 * curvature.tangential_rms
 
 
-def test_slit_one_triangle_wide():
+@both
+def test_slit_one_triangle_wide(method):
     loop = slit()
-    surface = filled(loop)
+    surface = filled(loop, method)
     assert len(surface.vertices) == len(loop)
     assert abs(surface.area / (45 * 0.87) - 1) < 1e-12
     assert is_disk_on(loop, surface.vertices, surface.faces)
 
 
+@both
 @settings(max_examples=8)
 @given(points=rough_loops())
-def test_rough_loops_give_disks_on_their_own_boundary(points):
+def test_rough_loops_give_disks_on_their_own_boundary(points, method):
     loop = BoundaryLoop.from_points(points)
-    surface = filled(loop)
+    surface = filled(loop, method)
     assert surface.boundary_size == len(loop)
     assert surface.vertices[: len(loop)].tobytes() == loop.points.tobytes()
     assert is_disk_on(loop, surface.vertices, surface.faces)
@@ -73,11 +80,12 @@ def test_rough_loops_give_disks_on_their_own_boundary(points):
     assert surface.area == surface.area_history[-1]
 
 
-def test_target_edge_length_is_honoured():
+@both
+def test_target_edge_length_is_honoured(method):
     loop = ENNEPER.rim(32)
     sizes = []
     for target in (0.1, 0.05):
-        surface = filled(loop, target_edge_length=target)
+        surface = filled(loop, method, target_edge_length=target)
         ends = np.sort(np.stack([surface.faces, np.roll(surface.faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
         inner = np.unique(ends[(ends >= len(loop)).all(axis=1)], axis=0)
         length = np.linalg.norm(surface.vertices[inner[:, 0]] - surface.vertices[inner[:, 1]], axis=1)
@@ -90,6 +98,7 @@ def test_target_edge_length_is_honoured():
 @pytest.mark.parametrize(
     "wrong",
     [
+        {"method": "gmsh"},
         *({name: value} for name in ("target_edge_length", "relative_change") for value in (0.0, -1.0, float("nan"))),
     ],
 )

@@ -54,4 +54,4 @@ def test_what_has_no_discrete_annulus_is_refused():
     with pytest.raises(TooManyRimsError):
         discrete_minimal_surface([*loops, loops[0]])
     with pytest.raises(OptionError):
-        discrete_minimal_surface(loops, target_edge_length=0.1)
+        discrete_minimal_surface(loops, method="pymeshlab")
