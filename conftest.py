@@ -2,6 +2,7 @@
 
 import os
 import pathlib
+import sys
 from collections.abc import Iterator
 from typing import Any
 
@@ -11,6 +12,10 @@ import pytest
 os.environ["PYTHONPATH"] = os.pathsep.join(
     filter(None, [str(pathlib.Path(__file__).parent), os.environ.get("PYTHONPATH")])
 )
+
+# the package is compiled once, not by each process that tests start
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 # before numpy and torch are imported: workers that each take all cores only wait for one another
 if "PYTEST_XDIST_WORKER" in os.environ:
@@ -53,3 +58,23 @@ def pytest_runtest_call() -> Iterator[None]:
 
 
 pytest_runtest_setup = pytest_runtest_call
+
+
+@pytest.fixture(scope="session")
+def painter() -> Iterator[Any]:
+    """A process that draws; to start one takes longer than to draw."""
+    from spinor_geom.render.png import Painter
+
+    made = Painter()
+    yield made
+    made.end()
+
+
+@pytest.fixture
+def drawn_by_one_process(painter: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pictures of a test are drawn by the same process as those of others."""
+
+    def draw(*job: Any, time_limit: float) -> None:
+        painter.run(*job, time_limit=time_limit)
+
+    monkeypatch.setattr("spinor_geom.render.png.draw_apart", draw)

@@ -29,7 +29,7 @@ from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.loop_choice import boundary_loops
 from spinor_geom.render.portrait import Portrait
 from tests.closed import is_watertight
-from tests.fill.shapes import folded_quad, tube
+from tests.fill.shapes import folded_quad, obj_text, tube
 
 Pair = tuple[np.ndarray, np.ndarray]
 
@@ -137,12 +137,6 @@ def write(path: Path, content: str | bytes) -> Path:
     return path
 
 
-def obj_text(pair: Pair) -> str:
-    vertices, faces = pair
-    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in vertices.tolist()]
-    return "\n".join([*lines, *(f"f {a} {b} {c}" for a, b, c in (faces + 1).tolist())]) + "\n"
-
-
 PLY_OF_POINTS = "\n".join(
     ["ply", "format ascii 1.0", "element vertex 1", *(f"property float {x}" for x in "xyz"), "end_header", "0 0 0", ""]
 )
@@ -156,8 +150,8 @@ BAD_FILES: list[tuple[str, str | bytes]] = [
     ("index.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n"),
     ("mesh.xyz", "0 0 0\n"),
     ("curve.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nl 1 2 3 1\n"),
-    ("nan.obj", obj_text(NAN)),
-    ("soup.obj", obj_text(SOUP)),
+    ("nan.obj", obj_text(*NAN)),
+    ("soup.obj", obj_text(*SOUP)),
     ("points.ply", PLY_OF_POINTS),
 ]
 
@@ -213,10 +207,10 @@ def test_bad_arguments_are_explained_and_give_status_2(
 def test_a_file_that_is_named_twice_is_not_lost(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str, name: str
 ) -> None:
-    path = write(tmp_path / "tube.obj", obj_text(tube()))
+    path = write(tmp_path / "tube.obj", obj_text(*tube()))
     assert main(["fill", str(path), "-o", str(tmp_path / "o.obj"), option, str(tmp_path / "x" / ".." / name)]) == 2
     assert f"{name} is given twice" in capsys.readouterr().err
-    assert path.read_text() == obj_text(tube())
+    assert path.read_text() == obj_text(*tube())
     if option == "--picture":
         assert main(["loops", str(path), option, str(path)]) == 2
     assert main(["fill", str(path), "-o", str(path)]) == 0

@@ -17,6 +17,7 @@ from spinor_geom.fill.loop_choice import boundary_loops
 from tests.docs.test_pages import not_measured, require_printed
 from tests.likeness import SAME, difference
 
+pytestmark = pytest.mark.usefixtures("drawn_by_one_process")
 ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"
 MESH = "data/trimesh_reference.obj"

@@ -36,8 +36,13 @@ def reported_holes() -> Mapping[str, Hole]:
 
 def reported_bowls(count: int = 60, *, rim: Rim = "ragged") -> Iterator[Hole]:
     """Bowls with openings of 45° to 85°, all spheres and noises in turn; seeds do not depend on the kind of rim."""
-    for k, opening in enumerate(np.linspace(45.0, 85.0, count).tolist()):
-        yield bowl(opening, BALLS[k % len(BALLS)], rim=rim, noise=NOISES[k % len(NOISES)], seed=k)
+    return (reported_bowl(k, count, rim=rim) for k in range(count))
+
+
+def reported_bowl(number: int, count: int = 60, *, rim: Rim = "ragged") -> Hole:
+    """One of them."""
+    opening = float(np.linspace(45.0, 85.0, count)[number])
+    return bowl(opening, BALLS[number % len(BALLS)], rim=rim, noise=NOISES[number % len(NOISES)], seed=number)
 
 
 def reported_tubes(count: int = 20) -> Iterator[Hole]:

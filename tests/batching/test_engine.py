@@ -189,6 +189,7 @@ def test_failures_are_in_the_log_and_on_the_page(reference: BatchResult) -> None
     assert "<script" not in page
 
 
+@pytest.mark.slow
 @signals
 def test_a_killed_driver_is_resumed_to_the_same_bytes(
     reference: BatchResult, corpus: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -238,6 +239,7 @@ def test_a_cluster_leaves_the_same_bytes(reference: BatchResult, corpus: Path, t
     assert results(result.output) == results(reference.output)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("openssl") is None, reason="makes a certificate")
 def test_a_cluster_with_tls_is_used_by_its_client_or_itself(tmp_path: Path) -> None:
     from distributed import Client

@@ -369,8 +369,11 @@ def test_every_truncated_archive_is_a_problem(tmp_path: Path, suffix: str) -> No
         assert all(source.problem for source in list(listed([str(path)]))[-1:]), share
 
 
+CHARACTERS = 'aA.~%2F \\:*?"<>|\0\n\r\x7f\u00e9\u0301\u2028\U0001f600'
+
+
 @settings(max_examples=20)
-@given(st.lists(st.lists(st.text(min_size=1, max_size=8), min_size=1, max_size=4), min_size=2, max_size=6))
+@given(st.lists(st.lists(st.text(CHARACTERS, min_size=1, max_size=8), min_size=1, max_size=4), min_size=2, max_size=6))
 def test_names_are_harmless_and_different_names_stay_different(names: list[list[str]]) -> None:
     # a part of an input's name has no separator
     plain = [[part.replace("/", "_") for part in parts] for parts in names]

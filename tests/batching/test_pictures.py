@@ -74,6 +74,7 @@ def test_each_filled_mesh_has_a_picture_that_links_to_its_page(drawn: BatchResul
     assert max(path.stat().st_size for path in drawn.output.rglob(PAGE)) < 50_000
 
 
+@pytest.mark.slow
 def test_pages_of_meshes_open_from_that_of_the_batch(drawn: BatchResult) -> None:
     with browser() as chromium, visit(chromium, drawn.page.as_uri()) as opened:
         links = opened.page.locator(".loops a").evaluate_all("(all) => all.map((one) => one.href)")
@@ -86,6 +87,7 @@ def test_pages_of_meshes_open_from_that_of_the_batch(drawn: BatchResult) -> None
         assert len(links) == 9
 
 
+@pytest.mark.slow
 def test_a_resumed_batch_draws_only_what_is_missing(drawn: BatchResult, corpus: Path, tmp_path: Path) -> None:
     output = tmp_path / "out"
     shutil.copytree(drawn.output, output)

@@ -21,14 +21,13 @@ from spinor_geom.cli import console
 from spinor_geom.cli.main import build_parser, main
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.loop_choice import boundary_loops
-from tests.fill.shapes import collar, cylinder, figure_eight, spiked_tetrahedron, tube
+from tests.fill.shapes import collar, cylinder, figure_eight, obj_text, spiked_tetrahedron, tube
 from tests.fill.test_bridge import island, places, ring
 from tests.systems import modes, undecodable
 
 
 def write_obj(path: Path, vertices: np.ndarray, faces: np.ndarray) -> Path:
-    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in vertices.tolist()]
-    path.write_text("\n".join([*lines, *(f"f {a} {b} {c}" for a, b, c in (faces + 1).tolist())]) + "\n")
+    path.write_text(obj_text(vertices, faces))
     return path
 
 
@@ -218,10 +217,7 @@ def test_continuity_makes_smooth_patches_and_reports_it(tmp_path: Path, capsys: 
 
 def test_merge_closes_a_soup(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     vertices, faces = tube()
-    soup = tmp_path / "soup.obj"
-    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in vertices[faces].reshape(-1, 3).tolist()]
-    lines += [f"f {first} {first + 1} {first + 2}" for first in range(1, 3 * len(faces), 3)]
-    soup.write_text("\n".join(lines) + "\n")
+    soup = write_obj(tmp_path / "soup.obj", vertices[faces.ravel()], np.arange(faces.size).reshape(-1, 3))
     output = tmp_path / "filled.obj"
     assert main(["fill", str(soup), "-o", str(output)]) == 2
     assert "--merge" in capsys.readouterr().err
@@ -500,8 +496,9 @@ def test_the_nearest_option_is_suggested(
         ("files._replace", KeyboardInterrupt()),
     ],
 )
+@pytest.mark.usefixtures("drawn_by_one_process")
 def test_an_interrupted_fill_changes_none_of_its_files(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, writer: str, error: BaseException
+    mesh_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, writer: str, error: BaseException
 ) -> None:
     pytest.importorskip("pyvista")
     outputs = {"-o": "out.obj", "--report": "out.json", "--picture": "out.png", "--html": "out.html"}
@@ -514,11 +511,11 @@ def test_an_interrupted_fill_changes_none_of_its_files(
     module, name = writer.split(".")
     package = {"fill": "cli.", "files": ""}.get(module, "render.")
     monkeypatch.setattr(f"spinor_geom.{package}{module}.{name}", failing)
-    mesh = str(Path(__file__).parents[2] / "data" / "trimesh_reference.obj")
     arguments = [word for option, name in outputs.items() for word in (option, str(tmp_path / name))]
     expected = 130 if isinstance(error, KeyboardInterrupt) else 2
-    assert main(["fill", mesh, *arguments]) == expected
-    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {"out.obj": b"old", "out.png": b"old"}
+    assert main(["fill", str(mesh_path), *arguments]) == expected
+    left = {path.name: path.read_bytes() for path in tmp_path.iterdir() if path != mesh_path}
+    assert left == {"out.obj": b"old", "out.png": b"old"}
 
 
 @pytest.mark.parametrize("loops", [2, 22])

@@ -21,6 +21,7 @@ from spinor_geom.render.camera import Camera
 from spinor_geom.render.fill_scene import fill_scene, loops_scene, up_of
 from spinor_geom.render.portrait import Portrait
 
+pytestmark = pytest.mark.usefixtures("drawn_by_one_process")
 MESH = Path(__file__).parents[2] / "data" / "trimesh_reference.obj"
 
 

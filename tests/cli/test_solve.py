@@ -9,7 +9,7 @@ from spinor_geom.adapters import read_mesh
 from spinor_geom.cli.main import _with_joined_numbers, main
 from spinor_geom.mesh.find_loops import find_boundary_loops
 from tests.closed import is_watertight
-from tests.fill.shapes import tube
+from tests.fill.shapes import obj_text, tube
 
 
 def write_obj(path: Path, *curves: np.ndarray, closed: bool = True) -> Path:
@@ -43,10 +43,8 @@ def test_curves_become_one_film(tmp_path: Path) -> None:
 
 def test_a_rim_of_a_mesh_is_chosen_by_its_number(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("OCP")
-    vertices, faces = tube()
-    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in vertices.tolist()]
     source = tmp_path / "tube.obj"
-    source.write_text("\n".join([*lines, *(f"f {a} {b} {c}" for a, b, c in (faces + 1).tolist())]) + "\n")
+    source.write_text(obj_text(*tube()))
     film = str(tmp_path / "film.brep")
     assert main(["solve", str(source), "-o", film]) == 2
     assert "choose with --loop" in capsys.readouterr().err

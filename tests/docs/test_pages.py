@@ -23,6 +23,7 @@ from spinor_geom.bench.machine import Record, Task
 from spinor_geom.cli.main import main
 from tests.likeness import SAME, difference
 
+pytestmark = pytest.mark.usefixtures("drawn_by_one_process")
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 # its Python blocks are scripts, as their workers import them
@@ -41,6 +42,7 @@ SLOW = (
     "my-curve.md",
     "my-mesher.md",
     "plateau.md",
+    "reference.md",
     "spinors.md",
 )
 PAGES = [

@@ -27,6 +27,7 @@ from spinor_geom.render.scene import Dots
 from spinor_geom.surface.spinor_surface import SpinorSurface
 from spinor_geom.training import LevenbergMarquardt, RMSprop
 
+pytestmark = pytest.mark.usefixtures("drawn_by_one_process")
 TINY_NETWORK = LevenbergMarquardt(depth=2, width=10, tolerance=1e-3)
 # steps too small to move anything, and steps that bring a small network near to its curve
 TINY_RMSPROP = RMSprop(depth=2, width=5, points=64, batch=32, epochs=3, order=8)

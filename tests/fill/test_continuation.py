@@ -13,7 +13,7 @@ from scipy.sparse.linalg import SuperLU
 from scipy.spatial import ConvexHull
 
 from spinor_geom.bench.holes import plane_square
-from spinor_geom.bench.ragged import reported_bowls
+from spinor_geom.bench.ragged import reported_bowl
 from spinor_geom.deadline import time_limit
 from spinor_geom.domain.sizes import GRADED
 from spinor_geom.errors import (
@@ -373,7 +373,7 @@ def test_a_continuation_that_cannot_be_remeshed_is_kept(
 def test_a_patch_whose_domain_of_angles_cannot_be_meshed_is_continued(
     monkeypatch: pytest.MonkeyPatch, error: SpinorGeomError
 ) -> None:
-    hole = list(reported_bowls())[5]
+    hole = reported_bowl(5)
     _, film, collar = with_film((hole.vertices, hole.faces))
     calls = []
 

@@ -10,7 +10,7 @@ import pytest
 import trimesh
 
 from spinor_geom.bench.cut_outs import named_cut_out
-from spinor_geom.bench.ragged import reported_bowls
+from spinor_geom.bench.ragged import reported_bowl
 from spinor_geom.fill import fairing
 from spinor_geom.fill.collar import Bend
 from spinor_geom.fill.fairing import Faired
@@ -205,7 +205,7 @@ def test_a_wide_band_between_two_rims_has_no_slivers() -> None:
 @pytest.mark.parametrize("number", [30, *(pytest.param(k, marks=pytest.mark.slow) for k in (7, 20))])
 def test_steep_ragged_bowls_have_no_smaller_angles_than_their_rims(number: int) -> None:
     # no flattening of these shapes without turned triangles is found
-    hole = list(reported_bowls())[number]
+    hole = reported_bowl(number)
     report = fill_hole((hole.vertices, hole.faces), continuity="C1", return_report=True)[1]
     (smooth,) = (outcome for outcome in report.loops if outcome.filled)
     continuation = smooth.continuation

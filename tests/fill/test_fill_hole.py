@@ -13,7 +13,7 @@ import pytest
 
 from spinor_geom import gallery
 from spinor_geom.adapters import read_mesh
-from spinor_geom.bench.ragged import reported_bowls
+from spinor_geom.bench.ragged import reported_bowl
 from spinor_geom.errors import FirstFillError, ImperfectFillWarning, LoopIndexError, OptionError
 from spinor_geom.fill import fill_loop
 from spinor_geom.fill.fill_hole import fill_hole
@@ -178,7 +178,7 @@ def test_a_surface_that_is_not_finite_gives_way_to_a_discrete_one(monkeypatch: p
 
 def test_a_missed_tolerance_is_filled_and_reported() -> None:
     rng = np.random.default_rng(5)
-    vertices, faces = tube(24, 3)
+    vertices, faces = tube(12, 3)
     vertices = vertices + 0.02 * rng.normal(size=vertices.shape)
     _, report = fill_hole((vertices, faces), tolerance=1e-14, return_report=True)
     for outcome in report.loops:
@@ -322,7 +322,7 @@ def test_the_areas_of_surface_and_mesh_are_both_reported(sides: int, differ: boo
 
 @pytest.mark.parametrize("continuity", ["C0", "C1"])
 def test_what_cannot_end_within_the_limit_is_not_begun(monkeypatch: pytest.MonkeyPatch, continuity: Any) -> None:
-    hole = list(reported_bowls())[5]
+    hole = reported_bowl(5)
     cleared = fill_hole((hole.vertices, hole.faces), 0, continuity=continuity, return_report=True)[1].loops[0]
     monkeypatch.setattr(fill_loop, "_SEARCHES", np.inf)  # as if a search for intersections took very long
     late = fill_hole((hole.vertices, hole.faces), 0, continuity=continuity, return_report=True)[1].loops[0]

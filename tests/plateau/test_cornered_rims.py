@@ -99,6 +99,7 @@ def test_a_roof_keeps_its_corners():
     assert patch.area == pytest.approx(solution.area, rel=5e-3)
 
 
+@pytest.mark.slow
 def test_lunes_with_narrow_gaps():
     # the film leaves the corners outwards; the area is that of the harmonic surface
     tips = np.array([[0.2, 0, 0.98], [0.2, 0, -0.98]])

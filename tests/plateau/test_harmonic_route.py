@@ -103,17 +103,14 @@ def test_noisy_loops(ratio, seed):
     assert abs(largest / solution.boundary_residual.max - 1) < 0.4
 
 
-# --- invariance -------------------------------------------------------------------------------------------------------
-
-
 # --- honesty ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("first", [0, pytest.param(10, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("first", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in (5, 10, 15))])
 def test_reported_residual_of_random_curves_is_the_measured_one(first):
     """The surfaces of strongly folded curves after few steps."""
     found_some = 0
-    for seed in range(first, first + 10):
+    for seed in range(first, first + 5):
         solver = harmonic_solver(gallery.random_curve(seed).sample(80), tolerance=1e-2, max_steps=25)
         try:
             found = solver.on_flattening()
@@ -132,7 +129,7 @@ def test_reported_residual_of_random_curves_is_the_measured_one(first):
             assert abs(largest - found.misfit.max) < share * found.misfit.max + negligible, seed
         # what is far from Γ is not projected on the part of it that is nearest
         assert found.misfit.rms / 2 < rms < 1.5 * found.misfit.rms, seed
-    assert found_some >= 6
+    assert found_some >= 3
 
 
 def test_narrow_fingers_are_not_left_out():

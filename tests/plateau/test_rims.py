@@ -178,9 +178,3 @@ def test_surface_closes_and_lies_on_all_rims():
 def _euler(faces):
     edges = np.unique(np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
     return len(np.unique(faces)) - len(edges) + len(faces)
-
-
-# --- errors -----------------------------------------------------------------------------------------------------------
-
-
-# --- rough rims -------------------------------------------------------------------------------------------------------

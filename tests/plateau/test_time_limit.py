@@ -69,8 +69,8 @@ SLOW = {
 
 
 def cuts(looks: int) -> list[int]:
-    """All readings of the clock, or, if there are many, some at equal distances and the last ones."""
-    return sorted({*np.linspace(1, looks, min(looks, 6)).astype(int).tolist(), *range(max(1, looks - 3), looks + 1)})
+    """All readings of the clock, or, if there are many, some at equal distances and the last two."""
+    return sorted({*np.linspace(1, looks, min(looks, 6)).astype(int).tolist(), max(1, looks - 1)})
 
 
 @pytest.mark.parametrize("name", [*CASES, *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)])
@@ -103,7 +103,7 @@ def test_bundles_keep_what_is_found_too(clock: Callable[[], int]) -> None:
     whole = list(solve_plateau_batch(loops))
     looks = clock() - before
     found = [False] * len(loops)
-    for cut in np.linspace(1, looks, 8).astype(int).tolist():
+    for cut in np.linspace(1, looks, 5).astype(int).tolist():
         for number, answer in enumerate(solve_plateau_batch(loops, time_limit=cut)):
             assert isinstance(answer, PlateauSolution) or (isinstance(answer, OutOfTimeError) and not found[number])
             found[number] |= isinstance(answer, PlateauSolution)
@@ -117,7 +117,7 @@ def test_all_solutions_are_those_that_were_found_in_time(clock: Callable[[], int
     whole = solve_plateau(loop, all_solutions=True)
     looks = clock() - before
     most = 0
-    for cut in np.linspace(1, looks + 5, 6).astype(int).tolist():
+    for cut in np.linspace(1, looks + 5, 4).astype(int).tolist():
         try:
             found = solve_plateau(loop, all_solutions=True, time_limit=cut)
         except OutOfTimeError:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ from spinor_geom.render.morph import SUFFIXES, morph
 from spinor_geom.render.portrait import GAUSS, GRID_LINES, grid_lines, surface_layers
 from spinor_geom.render.scene import Faces
 from spinor_geom.surface.array_surface import ArraySurface
-from tests.browser import browser, visit
+from tests.browser import visit
 from tests.render.test_viewer import array, views_of
 
 ANGLES = st.floats(-10, 10)
@@ -92,6 +93,7 @@ def test_a_pole_in_the_domain_is_named_as_the_reason_for_no_family() -> None:
     np.testing.assert_allclose(caught.value.period, [0, 0, -4 * np.pi], atol=1e-9)
 
 
+@pytest.mark.usefixtures("drawn_by_one_process")
 def test_an_animation_has_its_frames_and_begins_with_the_surface(tmp_path: Path) -> None:
     from PIL import Image, ImageSequence
 
@@ -132,10 +134,11 @@ def test_the_page_holds_surface_and_conjugate(tmp_path: Path) -> None:
     assert array(text, surface["elements"], "<u4").max() == family.faces.max()
 
 
-def test_the_slider_of_the_page_turns_the_surface_in_a_browser(tmp_path: Path) -> None:
+@pytest.mark.slow
+def test_the_slider_of_the_page_turns_the_surface_in_a_browser(chromium: Any, tmp_path: Path) -> None:
     path = tmp_path / "catenoid.html"
     morph(gallery.catenoid().surface, path)
-    with browser() as chromium, visit(chromium, path.as_uri(), ready=True) as opened:
+    with visit(chromium, path.as_uri(), ready=True) as opened:
         page = opened.page
         canvas = page.locator("canvas")
         seen = []

@@ -66,6 +66,7 @@ def green_tube(folder: Path, skin: str) -> Path:
     return folder / "tube.obj"
 
 
+@pytest.mark.usefixtures("drawn_by_one_process")
 def test_pictures_show_the_colours_of_the_mesh(tmp_path: Path) -> None:
     source, picture = green_tube(tmp_path, "texture"), tmp_path / "picture.png"
     commands = (["fill", str(source), "-o", str(tmp_path / "o.obj"), "--picture"], ["render", str(source), "-o"])

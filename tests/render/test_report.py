@@ -22,9 +22,9 @@ from spinor_geom.mesh.operators import face_areas
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.render.loop_views import DISTANCE, GAUSS, MEAN, loop_views
 from spinor_geom.render.page import Views
-from spinor_geom.render.report import MOST_FACES, _shown
-from tests.browser import Visit, browser, visit
-from tests.fill.shapes import collar, figure_eight, tube
+from spinor_geom.render.report import _shown
+from tests.browser import Visit, visit
+from tests.fill.shapes import collar, figure_eight, obj_text, tube
 from tests.render.test_png import green_tube
 
 
@@ -42,12 +42,6 @@ def page(result: FillResult, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("report") / "report.html"
     spinor_geom.report(result, path)
     return path
-
-
-@pytest.fixture(scope="module")
-def chromium() -> Iterator[Any]:
-    with browser() as started:
-        yield started
 
 
 @pytest.fixture
@@ -189,11 +183,8 @@ def test_the_figures_are_those_of_the_report(result: FillResult) -> None:
 
 
 def test_the_command_writes_the_page_with_comparisons(tmp_path: Path) -> None:
-    vertices, faces = tube(16, 3)
     mesh = tmp_path / "tube.obj"
-    mesh.write_text(
-        "".join(f"v {x} {y} {z}\n" for x, y, z in vertices) + "".join(f"f {a} {b} {c}\n" for a, b, c in faces + 1)
-    )
+    mesh.write_text(obj_text(*tube(16, 3)))
     target = tmp_path / "new" / "report.html"
     options = ["--loop", "0", "--compare", "--html", str(target)]
     assert main(["fill", str(mesh), "-o", str(tmp_path / "o.obj"), *options]) == 0
@@ -208,19 +199,22 @@ def test_a_coarser_mesh_of_a_mesh_that_has_shrunk_to_a_line_ends() -> None:
     assert len(_shown(line, line.vertices[:5], 500).faces) < len(line.faces)
 
 
-def test_a_large_mesh_is_shown_whole_and_as_it_is_near_its_loops() -> None:
-    vertices, faces = plane_square(250)
+def test_a_large_mesh_is_shown_whole_and_as_it_is_near_its_loops(monkeypatch: pytest.MonkeyPatch) -> None:
+    most = 8_000
+    monkeypatch.setattr("spinor_geom.render.report.MOST_FACES", most)
+    vertices, faces = plane_square(100)
     middle = np.linalg.norm(vertices[faces].mean(axis=1) - vertices.mean(axis=0), axis=1) < 3
     _, result = spinor_geom.fill_hole((vertices, faces[~middle]), return_report=True)
     points = np.concatenate([outcome.loop.points for outcome in result.loops])
-    shown = _shown(result.original, points, MOST_FACES)
-    assert 0.5 * MOST_FACES < len(shown.faces) <= MOST_FACES < len(result.original.faces)
+    shown = _shown(result.original, points, most)
+    assert 0.5 * most < len(shown.faces) <= most < len(result.original.faces)
     area = face_areas(result.original.vertices, result.original.faces).sum()
     assert face_areas(shown.vertices, shown.faces).sum() == pytest.approx(area, rel=0.05)  # corners are rounded
     assert {tuple(point) for point in points.tolist()} <= {tuple(point) for point in shown.vertices.tolist()}
     assert "shown coarser than it is" in spinor_geom.report(result)
 
 
+@pytest.mark.slow
 def test_the_page_shows_the_colours_of_the_mesh(chromium: Any, tmp_path: Path) -> None:
     _, result = spinor_geom.fill_hole(green_tube(tmp_path, "colours"), return_report=True)
     spinor_geom.report(result, tmp_path / "page.html")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.render import shapes
 from spinor_geom.render.scene import VIRIDIS
-from tests.browser import browser, visit
+from tests.browser import visit
 from tests.fill.shapes import tube
 
 
@@ -83,8 +84,9 @@ def test_gltf_has_curvature_as_colours(enneper: PlateauSolution, tmp_path: Path)
         np.testing.assert_allclose(srgb[at], wanted, atol=20)
 
 
+@pytest.mark.slow
 def test_what_a_notebook_shows_is_a_page_of_its_own_and_drawn(
-    enneper: PlateauSolution, filled: FillResult, tmp_path: Path
+    enneper: PlateauSolution, filled: FillResult, chromium: Any, tmp_path: Path
 ) -> None:
     shown = {"surface": enneper.surface, "fill": filled}
     frames = {name: one._repr_html_() for name, one in shown.items()}
@@ -92,7 +94,7 @@ def test_what_a_notebook_shows_is_a_page_of_its_own_and_drawn(
         assert f'title="{type(other).__name__}' in other._repr_html_()
     page = tmp_path / "notebook.html"
     page.write_text("<!doctype html><meta charset=utf-8>" + "".join(frames.values()), encoding="utf-8")
-    with browser() as chromium, visit(chromium, page.as_uri()) as opened:
+    with visit(chromium, page.as_uri()) as opened:
         for number, (frame, name) in enumerate(zip(opened.page.frames[1:], shown, strict=True)):
             opened.page.locator("iframe").nth(number).scroll_into_view_if_needed()
             frame.wait_for_function("document.title.startsWith('ready: ')", timeout=60_000)

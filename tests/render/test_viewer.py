@@ -10,7 +10,7 @@ import pytest
 
 from spinor_geom.render.page import Views, document
 from spinor_geom.render.scene import Faces, Scene
-from tests.browser import browser, visit
+from tests.browser import visit
 
 VERTICES = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0.5]])
 FACES = np.array([[0, 1, 2]])
@@ -60,12 +60,13 @@ def test_no_title_ends_the_script_or_the_page_or_hides_their_end(evil):
     assert views_of(text)[0]["title"] == evil
 
 
-def test_the_first_of_very_many_views_is_still_drawn(tmp_path):
+@pytest.mark.slow
+def test_the_first_of_very_many_views_is_still_drawn(chromium, tmp_path):
     views = Views()
     figures = [views.figure(Scene(layers=[TRIANGLE])) for _ in range(17)]  # browsers keep 16 contexts
     path = tmp_path / "many.html"
     path.write_text(document("many", [*figures, views.script()]), encoding="utf-8")
-    with browser() as chromium, visit(chromium, path.as_uri(), ready=True) as opened:
+    with visit(chromium, path.as_uri(), ready=True) as opened:
         colours = opened.page.evaluate(
             """[...document.querySelectorAll("canvas")].map((canvas) => {
             const seen = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
@@ -76,7 +77,7 @@ def test_the_first_of_very_many_views_is_still_drawn(tmp_path):
         assert opened.errors == []
 
 
-def test_numbers_that_would_overlap_appear_when_one_zooms_in(tmp_path):
+def test_numbers_that_would_overlap_appear_when_one_zooms_in(chromium, tmp_path):
     places = np.column_stack([np.linspace(0, 1, 60), np.full(60, 0.5), np.full(60, 0.25)])
     views, path = Views(), tmp_path / "numbers.html"
     labels = [(at, str(number)) for number, at in enumerate(places)]
@@ -84,7 +85,7 @@ def test_numbers_that_would_overlap_appear_when_one_zooms_in(tmp_path):
     path.write_text(document("numbers", [views.figure(scene), views.script()]), encoding="utf-8")
     boxes = """[...document.querySelectorAll(".number")].filter((one) => !one.hidden)
         .map((one) => [one.textContent, one.getBoundingClientRect().left, one.getBoundingClientRect().right])"""
-    with browser() as chromium, visit(chromium, path.as_uri(), ready=True) as opened:
+    with visit(chromium, path.as_uri(), ready=True) as opened:
 
         def shown():
             found = sorted(opened.page.evaluate(boxes), key=lambda box: box[1])
