@@ -182,10 +182,6 @@ class NoEdgesError(LoopError):
     sentence = "there is no boundary curve ({what}); give edges or wires, or faces with a hole"
 
 
-class KnottedLoopError(LoopError):
-    sentence = "the loop is knotted (determinant {determinant:.0f}), so every disk over it intersects itself; divide it"
-
-
 class TooManyRimsError(LoopError):
     sentence = "a discrete minimal surface needs one or two loops, got loops of {sizes} vertices; use solve_plateau"
 

@@ -10,7 +10,6 @@ from scipy.spatial import cKDTree
 from spinor_geom.adapters.contents import FileContents
 from spinor_geom.adapters.polygon_faces import chained
 from spinor_geom.errors import (
-    KnottedLoopError,
     LoopTooShortError,
     NonFiniteVertexError,
     OpenCurveError,
@@ -19,7 +18,6 @@ from spinor_geom.errors import (
 from spinor_geom.fill.no_holes import require_area
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners
 from spinor_geom.mesh.intersections import require_simple
-from spinor_geom.mesh.knots import knot_determinant
 from spinor_geom.mesh.triangle_mesh import require_extent
 
 
@@ -112,8 +110,6 @@ def _curve_loop(vertices: Float[np.ndarray, "v 3"], curve: Int[np.ndarray, " _"]
         loop = BoundaryLoop(points=points, vertex_ids=ids, corners=detect_corners(points))
         require_area(loop, loop.diagonal / loop.elongation)
         require_simple(loop)
-        if (determinant := knot_determinant(loop.points)) is not None:
-            raise KnottedLoopError(determinant=determinant)
     except SpinorGeomError as raised:
         error = raised
     return NamedLoop(name=name, points=points, loop=loop, error=error, notes=tuple(notes))

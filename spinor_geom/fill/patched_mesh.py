@@ -253,7 +253,7 @@ class PatchedMesh:
 
     def corners(self, numbers: Int[np.ndarray, " k"]) -> Float[np.ndarray, "k 3 3"]:
         """The corners of faces of the mesh and of patches, by their numbers in the filled mesh."""
-        pieces = [self._mesh_piece, *self._patches]
+        pieces = [piece for piece in (self._mesh_piece, *self._patches) if len(piece.numbers)]
         place = np.searchsorted([piece.numbers[0] for piece in pieces], numbers, side="right") - 1
         found = np.empty((len(numbers), 3, 3))
         for k in np.unique(place):

@@ -10,7 +10,6 @@ from spinor_geom.batching.inputs import Source
 from spinor_geom.batching.settings import BatchOptions
 from spinor_geom.batching.task import FileTask
 from spinor_geom.errors import (
-    KnottedLoopError,
     LoopTooShortError,
     NonFiniteVertexError,
     OpenCurveError,
@@ -19,7 +18,6 @@ from spinor_geom.errors import (
 from spinor_geom.fill.fill_options import FillOptions
 from spinor_geom.fill.obj_curves import NamedLoop, curve_loops
 from tests.batching.files import circle, curve_text, holed_text, vertex_lines
-from tests.mesh.test_knots import torus_knot
 
 
 def loops(text: str, *, closing: float = 1e-3) -> list[NamedLoop]:
@@ -83,14 +81,12 @@ def test_what_bounds_no_disk_is_refused_by_name_with_the_reason() -> None:
         "short": (curve_text(circle(9)[:2]), LoopTooShortError),
         "crossing": (curve_text(bow_tie), SelfCrossingLoopError),
         "touching": (curve_text(np.vstack([circle(9), circle(9)[3:5]])), SelfCrossingLoopError),
-        "knotted": (curve_text(torus_knot(2, 3, 90)), KnottedLoopError),
         "nan": (curve_text(np.vstack([circle(9), [[0, np.nan, 0]]])), NonFiniteVertexError),
     }
     for name, (text, error) in cases.items():
         (found,) = opened(f"g {name}\n{text}").curves
         assert found.name == name
         assert isinstance(found.error, error), (name, found.error)
-    assert opened(cases["knotted"][0]).curves[0].error.determinant == pytest.approx(3)
 
 
 def test_holes_have_the_name_of_most_faces_beside_them() -> None:

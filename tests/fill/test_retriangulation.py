@@ -9,9 +9,13 @@ import pytest
 
 from spinor_geom.bench.holes import Hole
 from spinor_geom.bench.ragged import BALLS, bowl
+from spinor_geom.fill.fill_loop import fill_loop
+from spinor_geom.fill.fill_options import FillOptions
 from spinor_geom.fill.new_patch import NewPatch
 from spinor_geom.fill.patched_mesh import PatchedMesh
 from spinor_geom.fill.retriangulation import retriangulated
+from spinor_geom.fill.solved_loops import solved_loops
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.find_loops import find_boundary_loops
 from spinor_geom.mesh.topology import HalfEdges
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
@@ -76,3 +80,14 @@ def test_no_edge_of_the_patch_s_other_faces_is_repeated() -> None:
 def test_a_patch_keeps_its_faces_if_new_ones_would_change_most_of_it() -> None:
     patched, new = tent(2.0)
     assert retriangulated(patched, new) is new
+
+
+def test_a_patch_over_a_knot_without_a_mesh_has_its_crossings_reported() -> None:
+    t = 2 * np.pi * np.arange(90) / 90
+    radius = 2 + np.cos(3 * t)
+    trefoil = np.stack([radius * np.cos(2 * t), radius * np.sin(2 * t), np.sin(3 * t)], axis=1)
+    loop, options = BoundaryLoop.from_points(trefoil), FillOptions()
+    alone = PatchedMesh(TriangleMesh(trefoil, np.zeros((0, 3), dtype=np.int64)))
+    outcome, _ = fill_loop(alone, 0, loop, next(solved_loops([loop], options)), options)
+    assert outcome.filled
+    assert outcome.self_intersections > 0
