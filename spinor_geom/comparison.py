@@ -62,8 +62,7 @@ class Comparison:
     exact_area: float
     patch_curvature: CurvatureFigures  # discrete |H| at the inner vertices
     baseline_curvature: CurvatureFigures  # the same of the baseline
-    exact_curvature: CurvatureFigures  # |H| of the surface by automatic differentiation at the patch's inner vertices
-    exact_curvature_points: int  # number of these vertices, at most `MOST_CURVATURE_POINTS`, evenly spread
+    exact_curvature: CurvatureFigures  # |H| of the surface at inner vertices of the patch
     patch_vertices: int
     baseline_vertices: int
     solution_seconds: float  # wall time of the exact surface, all stages
@@ -169,7 +168,6 @@ def compare(
         exact_curvature=CurvatureFigures(
             max=float(exact.max(initial=0.0)), rms=float(np.linalg.norm(exact)) / max(len(exact), 1) ** 0.5
         ),
-        exact_curvature_points=len(exact),
         patch_vertices=len(mesh.vertices),
         baseline_vertices=len(other.vertices),
         solution_seconds=sum(solution.solve_timings.values()),
