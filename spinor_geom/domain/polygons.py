@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from spinor_geom.arrays import EPS, shifted
 from spinor_geom.domain.delaunay import cross, flat_coordinates, plane_coordinates
-from spinor_geom.mesh.intersections import LEAST_ANGLE, LEAST_DISTANCE, crossings_between
+from spinor_geom.mesh.intersections import crossings_between, is_star
 from spinor_geom.mesh.near_edges import near_edges
 from spinor_geom.mesh.operators import winding_numbers
 
@@ -48,18 +48,7 @@ def is_simple(polygon: Complex[np.ndarray, " m"]) -> bool:
     has_length = bool((edges > EPS * edges.sum()).all())
     if not has_length or not np.imag(np.conj(polygon) * after).sum() > 0:
         return False
-    return _is_star(polygon) or not len(crossing_edges(polygon))
-
-
-def _is_star(polygon: Complex[np.ndarray, " m"]) -> bool:
-    """Whether a closed polygon is star-shaped about the mean of its vertices, and therefore simple.
-
-    This holds for most boundaries, and the test takes much less time than the general one.
-    """
-    spokes = polygon - polygon.mean()
-    turns = np.angle(np.append(spokes[1:], spokes[0]) * np.conj(spokes))
-    radius = np.abs(spokes)
-    return bool(turns.min() > LEAST_ANGLE and turns.sum() < 3 * np.pi and radius.min() > LEAST_DISTANCE * radius.max())
+    return bool(is_star(flat_coordinates(polygon))) or not len(crossing_edges(polygon))
 
 
 def bound_domain(rims: tuple[Complex[np.ndarray, "_"], ...]) -> bool:

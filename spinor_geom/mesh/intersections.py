@@ -30,7 +30,7 @@ MEETING_PER_DIAGONAL = 1e-12  # largest distance of edges of a polygon that meet
 MIN_NORMAL_COSINE = 1e-3  # least cosine between the face normals and the direction of a graph, above rounding
 SEPARATION = 1e-12  # volume, per cubed extent of two triangles, above which rounding cannot change its sign
 # Least angle that an edge of a star subtends at its centre, and least distance from it per radius
-LEAST_ANGLE, LEAST_DISTANCE = 1e-4, 1e-6
+_LEAST_ANGLE, _LEAST_DISTANCE = 1e-4, 1e-6
 
 
 def self_intersections(vertices: Points, faces: Faces) -> Pairs:
@@ -253,8 +253,8 @@ def is_star(points: Float[np.ndarray, "*b m 3"]) -> Bool[np.ndarray, "*b"]:
     sectors = (doubled * normal).sum(axis=-1)
     flat = spokes - (spokes * normal).sum(axis=-1, keepdims=True) * normal
     radius = norm(flat)
-    nearest = 2 * LEAST_DISTANCE * radius.max(axis=-1, keepdims=True) ** 2
-    least = np.maximum(LEAST_ANGLE * radius * shifted(radius, -1), nearest)
+    nearest = 2 * _LEAST_DISTANCE * radius.max(axis=-1, keepdims=True) ** 2
+    least = np.maximum(_LEAST_ANGLE * radius * shifted(radius, -1), nearest)
     along = (flat * shifted(flat, -1, axis=-2)).sum(axis=-1)
     winds_once = np.arctan2(sectors, along).sum(axis=-1) < 3 * np.pi
     return np.asarray((sectors > least).all(axis=-1) & winds_once)
