@@ -3,7 +3,7 @@
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property, partial
 
 import numpy as np
 import scipy.linalg
@@ -32,6 +32,8 @@ _CLOSING_STEPS = 6  # Newton steps that close the holes
 _LARGEST_SCALE = -float(np.log(EPS))  # with larger log scales, edge lengths are lost in rounding
 _LAST_MODE = 8.6  # exp(-x²/2) is below rounding for larger x
 
+# lays out rims as polygons, or returns None if that fails
+Layout = Callable[[], tuple[Polygon, ...] | None]
 # maps polygons to samples of the curves through their vertices
 Drawn = Callable[[tuple[Polygon, ...]], tuple[Polygon, ...]]
 Solver = Callable[[Columns], Columns]
@@ -171,9 +173,9 @@ def flatten_boundary(
     is left out: the boundary then has fewer notches, but may zigzag from vertex to vertex; the caller must smooth it.
     """
     rims = (len(edge) - sum(holes), *holes)
-    plain, lobed = itertools.tee(_laid_out(edge, turning, neumann, rims, saws=saws))
-    for boundaries in (plain, (tuple(map(untangled, boundary)) for boundary in lobed)):
-        flat = _least_straightened(boundaries, edge, neumann, clearance, drawn)
+    plain, lobed = itertools.tee(_layouts(edge, turning, neumann, rims, saws=saws))
+    for families in (plain, ([partial(_untangled, layout) for layout in family] for family in lobed)):
+        flat = _least_straightened(families, edge, neumann, clearance, drawn)
         if flat is not None:
             return flat
     raise DomainError(
@@ -182,8 +184,14 @@ def flatten_boundary(
     )
 
 
+def _untangled(layout: Layout) -> tuple[Polygon, ...] | None:
+    rims = [untangled(rim) for rim in layout() or ()]
+    simple = tuple(rim for rim in rims if rim is not None)
+    return simple if len(simple) == len(rims) else None
+
+
 def _least_straightened(
-    boundaries: Iterable[tuple[Polygon | None, ...]],
+    families: Iterable[Sequence[Layout]],
     edge: PerVertex,
     neumann: DirichletToNeumann,
     clearance: float,
@@ -191,33 +199,62 @@ def _least_straightened(
 ) -> Flattening | None:
     """The first simple boundary with enough clearance, else the first with half of it, else the first simple one.
 
+    A family runs from the least to the most straightened boundary. It is left out if neither of these two is simple.
+
     Raises an OutOfTimeError if the time limit was reached before one with enough clearance.
     """
-    found: list[Flattening] = []
-    for boundary in boundaries:
+
+    @cache
+    def simple(layout: Layout) -> Flattening | None:
         require_time()
-        rims = tuple(rim for rim in boundary if rim is not None)
-        if len(rims) < len(boundary) or not bound_domain(rims) or (drawn is not None and not bound_domain(drawn(rims))):
-            continue
+        rims = layout()
+        if not rims or not bound_domain(rims) or (drawn is not None and not bound_domain(drawn(rims))):
+            return None
         parts = _parts(edge, tuple(map(len, rims)))
         ratios = [np.log(np.abs(shifted(rim, -1) - rim) / length) for rim, length in zip(rims, parts, strict=True)]
         scale = np.concatenate([(ratio + shifted(ratio, 1)) / 2 for ratio in ratios])
         gap = outer_clearance(rims[0], clearance)
-        found.append(Flattening(rims=rims, log_scale=scale, clearance=gap, neumann=neumann))
-        if found[-1].clearance >= clearance:
-            return found[-1]
+        return Flattening(rims=rims, log_scale=scale, clearance=gap, neumann=neumann)
+
+    found: list[Flattening] = []
+    for family in families:
+        if simple(family[0]) is None and simple(family[-1]) is None:
+            continue
+        for flat in filter(None, map(simple, family)):
+            found.append(flat)
+            if flat.clearance >= clearance:
+                return flat
     return next((flat for share in (0.5, 0.0) for flat in found if flat.clearance >= share * clearance), None)
 
 
-def _laid_out(
+def _layouts(
     edge: PerVertex, turning: PerVertex, neumann: DirichletToNeumann, rims: Rims, *, saws: bool
-) -> Iterator[tuple[Polygon, ...]]:
-    """The rims as polygons for each candidate of the boundary log scale, the smallest first."""
-    for turned, log_scale in _candidates(edge, turning, neumann, rims, saws=saws):
-        parts = zip(*(_parts(each, rims) for each in (edge, turned, log_scale)), strict=True)
+) -> Iterator[Sequence[Layout]]:
+    """Families of layouts of the rims: the one at u = 0, then those for each width of the smoothing."""
+    holes = [slice(start, end) for start, end in itertools.pairwise(np.cumsum(rims).tolist())]
+
+    def laid_out(turned: PerVertex, u: PerVertex) -> tuple[Polygon, ...] | None:
+        parts = zip(*(_parts(each, rims) for each in (edge, turned, u)), strict=True)
         polygons = [polygon for part in parts if (polygon := lay_out(*part)) is not None]
-        if len(polygons) == len(rims):
-            yield tuple(polygons) if len(rims) == 1 else (polygons[0], *_placed(polygons, neumann))
+        if len(polygons) < len(rims):
+            return None
+        return (polygons[0], *_placed(polygons, neumann)) if holes else tuple(polygons)
+
+    def closed(u: PerVertex, solve: Solver) -> tuple[Polygon, ...] | None:
+        for _ in range(_CLOSING_STEPS if holes else 0):
+            if not np.abs(u).max() < _LARGEST_SCALE:
+                return None
+            gaps, slopes = zip(*(_gap(u, edge, turning, neumann, hole) for hole in holes), strict=True)
+            gap, slope = np.concatenate(gaps), np.concatenate(slopes)
+            along = solve(slope.T)
+            # by least squares, because the constraints of a hole without width are linearly dependent
+            u = u - along @ np.linalg.lstsq(slope @ along, gap, rcond=None)[0]
+        return laid_out(turning + neumann @ u, u) if np.abs(u).max() < _LARGEST_SCALE else None
+
+    if not holes:
+        yield [cache(partial(laid_out, turning, np.zeros(len(edge))))]
+    for family in _straightened(edge, turning, neumann, rims, saws=saws):
+        yield [cache(partial(closed, u, solve)) for u, solve in family]
 
 
 def _parts(values: PerVertex, rims: Rims) -> list[PerVertex]:
@@ -226,32 +263,10 @@ def _parts(values: PerVertex, rims: Rims) -> list[PerVertex]:
     return [values[start:end] for start, end in itertools.pairwise(ends)]
 
 
-def _candidates(
-    edge: PerVertex, turning: PerVertex, neumann: DirichletToNeumann, rims: Rims, *, saws: bool
-) -> Iterator[tuple[PerVertex, PerVertex]]:
-    """Candidates of turning angles and boundary log scales, the smallest scale first."""
-    holes = [slice(start, end) for start, end in itertools.pairwise(np.cumsum(rims).tolist())]
-    if not holes:
-        yield turning, np.zeros(len(edge))
-    for u, solve in _straightened(edge, turning, neumann, rims, saws=saws):
-        if not np.abs(u).max() < _LARGEST_SCALE:
-            continue
-        for _ in range(_CLOSING_STEPS if holes else 0):
-            gaps, slopes = zip(*(_gap(u, edge, turning, neumann, hole) for hole in holes), strict=True)
-            gap, slope = np.concatenate(gaps), np.concatenate(slopes)
-            along = solve(slope.T)
-            # by least squares, because the constraints of a hole without width are linearly dependent
-            u = u - along @ np.linalg.lstsq(slope @ along, gap, rcond=None)[0]
-            if not np.abs(u).max() < _LARGEST_SCALE:
-                break
-        else:
-            yield turning + neumann @ u, u
-
-
 def _straightened(
     edge: PerVertex, turning: PerVertex, neumann: DirichletToNeumann, rims: Rims, *, saws: bool
-) -> Iterator[tuple[PerVertex, Solver]]:
-    """The minimisers u of `flatten` for all widths and strengths, and solvers of the systems that they satisfy.
+) -> Iterator[Sequence[tuple[PerVertex, Solver]]]:
+    """The minimisers u of `flatten` by width and strength, and solvers of the systems that they satisfy.
 
     S has low rank: the systems are αA + WWᵀ with a sparse A and a narrow W (Woodbury's identity).
     """
@@ -267,7 +282,7 @@ def _straightened(
     except SingularMatrixError:
         return
     if len(rims) > 1:
-        yield np.zeros(len(edge)), solve
+        yield [(np.zeros(len(edge)), solve)]
     for width in _WIDTHS:
         factors = [smoothing(part, width) for part in parts]
         spread, modes = (scipy.linalg.block_diag(*each) for each in zip(*factors, strict=True))
@@ -280,9 +295,9 @@ def _straightened(
             continue
         values, vectors = np.linalg.eigh((inner + inner.T) / 2)
         x = x @ vectors
-        for strength in _STRENGTHS:
-            weights = 1 / (strength + np.maximum(values, 0.0))
-            yield x @ (weights * (vectors.T @ target)), _updated(solve, x, weights, strength)
+        load = vectors.T @ target
+        shares = [(strength, 1 / (strength + np.maximum(values, 0.0))) for strength in _STRENGTHS]
+        yield [(x @ (weights * load), _updated(solve, x, weights, strength)) for strength, weights in shares]
 
 
 def _updated(solve: Solver, x: Float[np.ndarray, "m r"], weights: Float[np.ndarray, " r"], strength: float) -> Solver:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-from jaxtyping import Bool, Complex, Int
+from jaxtyping import Bool, Complex, Float, Int
 from scipy.spatial import cKDTree
 
 from spinor_geom.arrays import EPS, shifted
@@ -102,10 +102,7 @@ def outer_clearance(polygon: Complex[np.ndarray, " m"], most: float) -> float:
     edge = np.abs(shifted(polygon, -1) - polygon)
     local = (edge + shifted(edge, 1)) / 2
     along = np.cumsum(edge) - edge
-    coordinates = plane_coordinates(polygon)
-    near = cKDTree(coordinates).query_ball_point(coordinates, most * local, return_sorted=False)
-    i = np.repeat(np.arange(len(polygon)), [len(some) for some in near])
-    j = np.fromiter(itertools.chain.from_iterable(near), dtype=np.int64, count=len(i))
+    i, j = near_vertices(polygon, most * local)
     gap, longer = np.abs(polygon[i] - polygon[j]), np.maximum(local[i], local[j])
     distance = np.abs(along[i] - along[j])
     once = (i < j) | (gap > most * local[j])  # most pairs are found from both ends
@@ -116,6 +113,16 @@ def outer_clearance(polygon: Complex[np.ndarray, " m"], most: float) -> float:
     across = (a[:, None] + np.array([0.2, 0.5, 0.8]) * (b - a)[:, None]).ravel()
     outside = ~are_inside(across, polygon).reshape(-1, 3).any(axis=1)
     return float((gap[far] / longer[far]).min(where=outside, initial=np.inf))
+
+
+def near_vertices(
+    polygon: Complex[np.ndarray, " m"], reach: Float[np.ndarray, " m"]
+) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]]:
+    """All pairs of vertices of which the second lies within the first one's reach, each vertex with itself too."""
+    coordinates = plane_coordinates(polygon)
+    near = cKDTree(coordinates).query_ball_point(coordinates, reach, return_sorted=False)
+    i = np.repeat(np.arange(len(polygon)), [len(some) for some in near])
+    return i, np.fromiter(itertools.chain.from_iterable(near), dtype=np.int64, count=len(i))
 
 
 def lattice_inside(polygon: Complex[np.ndarray, " m"], spacing: float) -> Complex[np.ndarray, " k"]:

@@ -87,6 +87,8 @@ def collar_of(patched: PatchedMesh, rim: Int[np.ndarray, " m"], patch: Patch) ->
     angles = crossing_angles(half_edges, vertices)
     creased = np.zeros(len(ids), dtype=bool)
     leaves = np.flatnonzero((half_edges.origin < m) & (half_edges.target >= m))
+    inside = (half_edges.origin < m) & (half_edges.target < m)
+    lengths = np.linalg.norm(vertices[half_edges.origin] - vertices[half_edges.target], axis=1)
     largest = np.zeros(m)
     np.maximum.at(largest, half_edges.origin[leaves], angles[leaves])
     creased[half_edges.origin[angles > max(CREASE, _SHARPER * largest.mean())]] = True
@@ -99,20 +101,22 @@ def collar_of(patched: PatchedMesh, rim: Int[np.ndarray, " m"], patch: Patch) ->
         bending = Bending.of(vertices, faces, stretch_across_creases(third_form, faces, variation))
     curvature = np.where(bends, bending.curvature, 0.0)
     vertices, faces = vertices[:size], faces[: len(rings[0])]
-    if not length:  # no curvature is continued: the faces at the rim are enough
+    bends, curvature, third_form = bends[:size], curvature[:size], third_form[:size]
+    # no curvature is continued, or the mesh is too coarse to tell how it changes: the faces at the rim are enough
+    if not length or np.median(lengths[leaves]) > _LONG * np.median(lengths[inside]):
         faces, ends, shares = _shortened(vertices, faces, patch)
         vertices = vertices[ends[:, 0]] + shares[:, None] * (vertices[ends[:, 1]] - vertices[ends[:, 0]])
-        bends, curvature = bends[ends[:, 1]], curvature[ends[:, 1]]
+        bends, curvature, third_form = bends[ends[:, 1]], curvature[ends[:, 1]], third_form[ends[:, 1]]
     return Collar(
         vertices=vertices,
         faces=faces,
         boundary_size=m,
-        bends=bends[: len(vertices)],
-        curvature=curvature[m : len(vertices)],
+        bends=bends,
+        curvature=curvature[m:],
         length=length,
         roughness=roughness,
         variation=variation,
-        third_form=third_form[:size],
+        third_form=third_form,
         creased=int(creased[:m].sum()),
         bend=bend,
     )

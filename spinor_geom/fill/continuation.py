@@ -132,6 +132,11 @@ class Continuation:
         return f"after {self.steps} steps the next one would still move a vertex by {self.next_step:.2g} of an edge"
 
     @property
+    def has_kink(self) -> bool:
+        """Whether the patch bends across the rim by more than 5° more than the mesh around it."""
+        return self.after.rms > self.around.rms + _KINK
+
+    @property
     def remarks(self) -> tuple[str, ...]:
         """Remarks on a thin plate, a large area, a large bend and thin triangles."""
         found = []
@@ -139,7 +144,7 @@ class Continuation:
             found.append(f"the patch is a thin plate, because the continuation of the mean curvature {self.lowered}")
         if self.area_ratio > MOST_AREA:
             found.append(f"the patch has {self.area_ratio:.2g} times the area of the surface it started from")
-        if self.after.rms > self.around.rms + _KINK:
+        if self.has_kink:
             degrees = f"{self.after.rms:.2g}° (RMS), the faces of the mesh around bend by {self.around.rms:.2g}°"
             found.append(f"the patch meets the mesh at {degrees}")
         # longer edges bend more, except for the still longer ones along a prism

@@ -53,10 +53,10 @@ def smooth_patch(
 ) -> NewPatch:
     """The continuation of a mesh by a patch, without intersections that can be avoided.
 
-    The continuation is good if it has converged without folds, and has no intersections, few replaced faces, and
-    not far more area than a spherical cap. Its angles must be at least 10°, except between edges of the rim. If it is
-    not good but the film has more intersections, it is kept as a discrete patch, without the measures of a continuation
-    and with the reason.
+    The continuation is good if it has converged without folds and without a kink of more than 65° at the rim, and has
+    no intersections, few replaced faces, and not far more area than a spherical cap. Its angles must be at least 10°,
+    except between edges of the rim. If it is not good but the film has more intersections, it is kept as a discrete
+    patch, without the measures of a continuation and with the reason.
     A patch with intersections and another defect is never kept. With `is_choice` the film is taken where it meets the
     mesh at more than 65° (RMS), unless it intersects something.
 
@@ -137,6 +137,8 @@ def _defect(smooth: NewPatch) -> str:
         return continuation.reason
     if smooth.patch.angles.largest_bend > 90:  # teeth of the rim may fold the faces beside them
         return "it is folded"
+    if continuation.has_kink and continuation.after.rms > FILM_FROM:
+        return f"it meets the mesh at {continuation.after.rms:.0f}° (RMS)"
     cap = 2 / (1 + np.cos(min(np.radians(continuation.before.rms), _LARGEST_CAP)))
     if continuation.area_ratio > _MOST_CAPS * cap:
         return f"it has {continuation.area_ratio:.2g} times the area of the film, a spherical cap {cap:.2g} times"

@@ -137,10 +137,13 @@ def test_windows_in_cylinders_and_tori_are_closed_round() -> None:
         assert rms(off) < 2e-3
 
 
-@pytest.mark.parametrize(("sides", "rows"), [(16, 1), (32, 1), (32, 4), (64, 2)])
-def test_prisms_are_continued_without_a_kink(sides: int, rows: int) -> None:
+@pytest.mark.parametrize(
+    ("sides", "rows", "width"), [(16, 1, 1.0), (32, 1, 1.0), (32, 4, 1.0), (64, 2, 1.0), (24, 2, 0.5), (40, 3, 0.8)]
+)
+def test_prisms_are_continued_without_a_kink(sides: int, rows: int, width: float) -> None:
     # quads as long as CAD writes them: up to twenty rim edges
-    _, outcome = continued(cylinder(sides, rows + 1, half=1.0), loop=0)
+    vertices, faces = cylinder(sides, rows + 1, half=1.0)
+    _, outcome = continued((vertices * [1, width, 1], faces), loop=0)
     assert outcome.continuation is not None
     assert outcome.continuation.after.rms < outcome.continuation.around.rms + 5
     assert not any("meets the mesh" in remark for remark in outcome.remarks)
@@ -153,6 +156,14 @@ def test_a_kink_is_remarked() -> None:
     assert outcome.continuation.creased == 0
     assert outcome.continuation.after.rms > outcome.continuation.around.rms + 5
     assert any("the patch meets the mesh at" in remark for remark in outcome.remarks)
+
+
+def test_a_large_kink_is_not_called_smooth() -> None:
+    # over a steep cone a thin plate is nearly the film
+    cone = rounds_and_rows(lambda a, r: (r * np.cos(a), r * np.sin(a), r / 2), 8, np.linspace(1, 1 / 13, 13))
+    _, outcome = continued(cone, loop=0)
+    assert (outcome.kind, outcome.continuation) == ("minimal", None)
+    assert any("not continued smoothly: it meets the mesh at" in remark for remark in outcome.remarks)
 
 
 def test_plane_surroundings_give_the_plane() -> None:

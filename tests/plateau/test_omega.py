@@ -20,7 +20,7 @@ from spinor_geom.plateau.harmonic.dirichlet import DirichletForm
 from spinor_geom.plateau.harmonic.smooth_domain import (
     DomainShape,
     NodeDensity,
-    _steps_across,
+    _is_wide,
     resolved_form,
     rounded_boundary,
 )
@@ -136,7 +136,7 @@ def test_hopeless_domains_are_refused_before_their_form_is_made(ratio, steps, re
         resolved_form(ellipse(ratio), steps, NUMPY)
 
 
-@pytest.mark.parametrize("width", [0.5, 2.0])
-def test_steps_across_a_strip_are_its_width_in_edges(width):
+@pytest.mark.parametrize("width", [0.5, 1.9, 2.1, 8.0])
+def test_a_strip_is_wide_from_two_edges_on(width):
     strip = planar(((0, 0), (600, 0), (600, width), (0, width)), 1200).points @ np.array([1, 1j, 0])
-    np.testing.assert_allclose(_steps_across(strip), width, rtol=1e-2)
+    assert _is_wide(strip) == (width > 2)

@@ -9,7 +9,7 @@ from scipy.interpolate import CubicSpline
 from spinor_geom.arrays import Place, shifted
 from spinor_geom.deadline import require_time
 from spinor_geom.domain.plane_domain import FourierBoundary
-from spinor_geom.domain.polygons import is_simple
+from spinor_geom.domain.polygons import is_simple, near_vertices
 from spinor_geom.errors import DomainError
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.harmonic.dirichlet import DirichletForm
@@ -161,8 +161,7 @@ def resolved_form(boundary: FourierBoundary, n: int, place: Place, *, most: int 
     polygon = boundary.grid(n)[0]
     # cheap tests first: Λ costs O(n³), and is not resolved where facing parts are within two steps
     require_time()
-    is_wide = _steps_across(polygon) > 2 and is_simple(polygon)
-    form = DirichletForm.of(boundary, n, place) if is_wide else None
+    form = DirichletForm.of(boundary, n, place) if _is_wide(polygon) and is_simple(polygon) else None
     if form is None or not form.error <= _RESOLVED:
         raise DomainError(
             f"the plane domain crosses itself, or has a place that is too narrow for {n} steps around it",
@@ -171,13 +170,11 @@ def resolved_form(boundary: FourierBoundary, n: int, place: Place, *, most: int 
     return form
 
 
-def _steps_across(polygon: Complex[np.ndarray, " n"]) -> float:
-    """Least distance between vertices of a closed polygon that face each other, in lengths of their edges."""
+def _is_wide(polygon: Complex[np.ndarray, " n"]) -> bool:
+    """Whether vertices of a closed polygon that face each other are more than two of their edges apart."""
     edge = np.abs(shifted(polygon, -1) - polygon)
     along = np.cumsum(edge) - edge
-    step = np.maximum(edge, shifted(edge, 1))
-    arc = np.abs(along[:, None] - along)
+    i, j = near_vertices(polygon, 2 * np.maximum(edge, shifted(edge, 1)))
+    arc = np.abs(along[i] - along[j])
     arc = np.minimum(arc, edge.sum() - arc)
-    distance = np.abs(polygon[:, None] - polygon)
-    across = distance / np.maximum(step[:, None], step)
-    return float(across.min(where=arc > _FACING * distance, initial=np.inf))
+    return not (arc > _FACING * np.abs(polygon[i] - polygon[j])).any()
