@@ -85,7 +85,7 @@ class Store:
         """The record of a source, if there is a complete one."""
         try:
             record = json.loads(Path(self.output, RESULTS, key, RECORD).read_bytes())
-        except (OSError, ValueError):
+        except (OSError, ValueError, RecursionError):
             return None
         return record if isinstance(record, dict) else None
 
@@ -146,7 +146,7 @@ class Store:
             (folder / RECORD).write_text(json_text({**record, "input": _stamp(source)}), encoding="utf-8")
             try:
                 owner = json.loads(Path(self.output, RUN).read_bytes())["token"]
-            except (OSError, ValueError, KeyError) as error:
+            except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
                 raise BatchError(f"{self.output}: {RUN} cannot be read ({error}); this run stops") from error
             if owner != self.token:
                 raise BatchError(f"{self.output}: another run was started in this folder, and this run has ended")
@@ -211,8 +211,8 @@ def _require_same_run(root: Path, settings: dict[str, Any], *, resume: bool) -> 
     if not resume:
         raise BatchError(f"{root}: already contains a batch; resume it (--resume, resume=True) or choose a new folder")
     try:
-        before = json.loads((root / RUN).read_bytes())
-    except ValueError as error:
+        before = dict(json.loads((root / RUN).read_bytes()))
+    except (ValueError, TypeError, RecursionError) as error:
         raise BatchError(f"{root / RUN}: is damaged ({error}); choose a new folder") from error
     for kind, name in (("options", "options"), ("version", "versions of this program")):
         if before.get(kind) != settings[kind]:

@@ -50,7 +50,7 @@ def read_frame(path: str | os.PathLike[str]) -> list[Edge]:
     is_step = Path(path).suffix.lower() in STEP
     try:
         content = named_parts(path) if is_step else json.loads(Path(path).read_bytes())
-    except (json.JSONDecodeError, UnicodeDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:  # also of numbers with thousands of digits
         raise MeshFileError(f"{os.fspath(path)}: is no JSON file ({error})", path=path) from error
     try:
         return _of_parts(content) if is_step else _of_json(content)

@@ -81,7 +81,7 @@ def read(path: str | os.PathLike[str]) -> dict[str, Any]:
         with safetensors.safe_open(name, framework="np") as file:
             tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118 - not a mapping
             description = json.loads((file.metadata() or {}).get("description", "{}"))
-    except (OSError, ValueError, safetensors.SafetensorError) as error:
+    except (OSError, ValueError, RecursionError, safetensors.SafetensorError) as error:
         raise StorageError(f"{name} cannot be read as a saved surface: {error}", path=name) from error
     if not isinstance(description, dict) or description.get("format") != FORMAT:
         raise StorageError(f"{name} is not a saved surface: its header has no format {FORMAT!r}", path=name)

@@ -317,9 +317,10 @@ def test_folders_that_hold_something_are_left_alone(
     assert main(["batch", str(corpus / "roof.obj"), "-o", str(corpus)]) == 2
     assert "contains other files" in capsys.readouterr().err
     (tmp_path / "files").mkdir()
-    (tmp_path / RUN).write_text("{")
-    assert main(["batch", str(corpus), "-o", str(tmp_path), "--resume"]) == 2
-    assert "is damaged" in capsys.readouterr().err
+    for content in ("{", "3", "[" * 100_000):
+        (tmp_path / RUN).write_text(content)
+        assert main(["batch", str(corpus), "-o", str(tmp_path), "--resume"]) == 2
+        assert "is damaged" in capsys.readouterr().err
     assert main(["batch", str(corpus / "nothing.obj"), "-o", str(tmp_path / "new")]) == 2
     assert "no such file" in capsys.readouterr().err
 

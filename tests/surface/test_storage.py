@@ -145,6 +145,7 @@ def rewrite(path, *, metadata=None, description=None, drop=None, replace=None):
         {"description": {"format": "something else"}},
         {"metadata": {"description": "{"}},
         {"metadata": {"description": "[]"}},
+        {"metadata": {"description": "[" * 100_000}},
         {"drop": "constant"},
         {"drop": "domain/points"},
         {"drop": "model/coefficients"},
