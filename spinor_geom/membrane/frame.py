@@ -16,6 +16,7 @@ from spinor_geom.membrane.cables import Cable, CableEdge, Edge, FixedEdge, Ring,
 from spinor_geom.mesh.boundary_loop import diagonals
 from spinor_geom.mesh.curve import ClosedCurve
 from spinor_geom.mesh.open_curve import OpenCurve
+from spinor_geom.mesh.triangle_mesh import require_extent
 from spinor_geom.plateau.mirrored import MirrorPlanes
 
 E = TypeVar("E", bound=Cable | Ring | OpenCurve)
@@ -44,7 +45,10 @@ def with_images(edges: Sequence[Edge]) -> list[tuple[int, Cable | Ring | OpenCur
             image = planes.image(points, [k == other for other in range(len(planes.normals))])
             if any(_is_same(image, _points(other)) for _, other in found):
                 continue
-            if isinstance(own, Ring) and own.force is not None and normal[2]:
+            heights = planes.heights(points)[:, k]
+            if min(heights.max(), -heights.min()) > _MEETING * np.ptp(heights):
+                raise OptionError(f"edge {number} crosses a plane of symmetry; end it at the plane")
+            if isinstance(own, Ring) and own.force is not None and abs(normal[2]) > _MEETING:
                 raise OptionError(f"edge {number}: a ring with a force is reflected in vertical planes only")
             found.append((number, _moved(own, image)))
     return found
@@ -91,7 +95,9 @@ class Frame:
         if not sides and all(ring.force is not None for _, ring in rings):
             raise OptionError("all rings have a force, and nothing holds the film; leave out the force of one ring")
         corners = [_points(one)[[0, -1]] for _, one in sides]
-        size = float(diagonals(np.concatenate([*corners, *(_points(one) for _, one in rings)])))
+        extremes = np.concatenate([*corners, *(_points(one) for _, one in rings)])
+        require_extent(extremes)
+        size = float(diagonals(extremes))
         sides = _chained(sides, _MEETING * size)
         nodes = [_points(one)[0] for _, one in sides]
         at = []

@@ -134,6 +134,7 @@ def solve_membrane(
         SurfaceError: there is no equilibrium near: the film collapses because tensions are too small or cables too
             long, no film connects the rings, or Newton's method does not converge.
         OutOfTimeError: the time limit.
+        MeshExtentError: the frame is too large or too small for floating-point numbers.
         SpinorGeomError: the errors of `solve_plateau`.
     """
     require_positive("tolerance", tolerance)
@@ -199,6 +200,7 @@ def _collapsed(frame: Frame, why: str) -> str:
     advice = "give shorter cables" if cables else "move the rings together"
     if ratios:
         advice = f"raise the tensions, of which the smallest is {min(ratios):.3g} of the distance of its ends"
+        advice += ", or give shorter cables" * (len(ratios) < len(cables))
     return f"no equilibrium of the film was found: {why}; {advice}"
 
 
@@ -212,6 +214,8 @@ def _film(frame: Frame, control: Float[np.ndarray, "c 3"], tolerance: float, tim
             curves if frame.rings else curves[0], model=model, tolerance=tolerance, time_limit=time_limit
         )
     except (LoopError, *FAILURES) as error:
+        if isinstance(error, LoopError) and not frame.cables:
+            raise  # given edges cross each other
         raise SurfaceError(_collapsed(frame, f"its edges do not bound a film ({error})")) from error
     if not isinstance(film, PlateauSolution):
         raise SurfaceError(_collapsed(frame, film.reason))

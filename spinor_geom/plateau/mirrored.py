@@ -111,8 +111,9 @@ class _Arc:
                 for back in (False, True):
                     left.remove(element)
                     image = planes.image(self.points, element)
-                    points.append(image[:0:-1] if back else image[:-1])
-                    flags.append(self.corners[:0:-1] if back else self.corners[:-1])
+                    # the ends, on the planes, are those of the first image, bit for bit
+                    points.append(image[-2:0:-1] if back else image)
+                    flags.append(self.corners[-2:0:-1] if back else self.corners)
                     across = self.planes[0 if back else 1]
                     element = tuple(one != (k == across) for k, one in enumerate(element))
                 if element == first:

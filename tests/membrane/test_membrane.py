@@ -7,7 +7,8 @@ import pytest
 from scipy.optimize import brentq, minimize
 
 from spinor_geom import Cable, Membrane, OpenCurve, Ring, Stay, SymmetryPlane, solve_membrane
-from spinor_geom.errors import OptionError, SurfaceError
+from spinor_geom.errors import LoopError, MeshExtentError, OptionError, SurfaceError
+from spinor_geom.membrane.frame import with_images
 
 SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype=float)
 SADDLE = np.array([[1, 1, 0.5], [-1, 1, -0.5], [-1, -1, 0.5], [1, -1, -0.5]])
@@ -222,9 +223,30 @@ def test_frames_that_collapse_are_refused() -> None:
         (lambda: [Ring(points=circle(1, 0), force=np.nan)], "must be finite"),
         (lambda: [], "two edges or more"),
         (lambda: [Ring(points=circle(1, 0), force=0.0)], "nothing holds the film"),
+        (
+            lambda: [*ring(SQUARE, tension=1.0), SymmetryPlane(point=(0.3, 0, 0), normal=(1, 0, 0))],
+            "edge 0 crosses a plane",
+        ),
+        (lambda: [*ring(SQUARE, tension=1.0), *[SymmetryPlane(point=(0, 0, 0), normal=(1, 0, 0))] * 4], "one to three"),
         (lambda: [*ring(SQUARE, tension=1.0)[:1], OpenCurve(SQUARE[[1, 2, 3, 0]], corners=[1, 2])], "has corners"),
     ],
 )
 def test_edges_that_are_no_frame_are_refused(edges: object, message: str) -> None:
     with pytest.raises(OptionError, match=message):
         solve_membrane(edges())  # type: ignore[operator]
+
+
+def test_what_is_wrong_with_fixed_edges_and_sizes_is_said_alone() -> None:
+    crossed = SQUARE[[0, 2, 1, 3]]
+    with pytest.raises(LoopError, match=r"^the curve crosses"):
+        solve_membrane(sides(crossed))
+    with pytest.raises(LoopError, match=r"^edge"):
+        solve_membrane([*sides(3 * SQUARE), *[Ring(points=circle(0.4, 0.6, 1.5, 1.5))] * 2])
+    for scale in (1e-120, 1e90):
+        with pytest.raises(MeshExtentError, match="scale the mesh"):
+            solve_membrane(ring(scale * SQUARE, tension=scale))
+
+
+def test_a_free_ring_is_reflected_in_planes_that_are_vertical_up_to_rounding() -> None:
+    plane = SymmetryPlane(point=(2, 0, 0), normal=(1, 0, 1e-17))
+    assert len(with_images([Ring(points=circle(0.5, 5.0), force=1.0), plane])) == 2

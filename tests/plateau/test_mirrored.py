@@ -36,6 +36,17 @@ def test_parts_have_their_share_of_the_area() -> None:
         assert part.stability.verdict == "stable"
 
 
+def test_a_part_is_found_wherever_the_curve_and_its_planes_lie() -> None:
+    # an edge of a tetrahedron between two planes, of Schwarz's D surface: its ends are on the planes up to rounding
+    edge, planes = np.array([[1, 1, 1], [1, -1, -1]]) / 8**0.5, np.array([[1, 0, 1], [1, 0, -1]])
+    area = mirrored(edge, *map(tuple, planes)).area
+    for seed in range(6):
+        random = np.random.default_rng(seed)
+        turn, shift = np.linalg.qr(random.normal(size=(3, 3)))[0], random.normal(size=3)
+        part = solve_plateau(edge @ turn.T + shift, mirror=[(shift, normal) for normal in planes @ turn.T])
+        assert part.area == pytest.approx(area, rel=1e-9)
+
+
 def test_the_film_meets_the_planes_at_right_angles_along_its_free_edges() -> None:
     part = mirrored(saddle(0, np.pi / 2), X, Y)
     (rim,) = part.rims
