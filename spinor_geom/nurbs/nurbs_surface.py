@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
+from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from jaxtyping import Float
 
 from spinor_geom.adapters.cad_objects import cad_object
 from spinor_geom.adapters.open_cascade import Unit, plane_shell, require_cad_suffix, sewn_shell, write_shape
-from spinor_geom.deadline import is_out_of_time
+from spinor_geom.deadline import is_out_of_time, seconds_left
 from spinor_geom.errors import DomainError, OptionError, OutOfTimeError, require_positive
 from spinor_geom.mesh.boundary_loop import diagonals
 from spinor_geom.mesh.rational_splines import NurbsCurve, NurbsPatch, homogeneous, on_side
@@ -294,11 +295,13 @@ def _fitted(solution: PlateauSolution, rims: tuple[Rim, ...], tolerance: float) 
     if patch is None:
         return _patches(solution, rims, tolerance)
     allowed = tolerance * solution.diagonal
+    begin = perf_counter()
     fit = fitted(patch.mesh, patch.on, allowed)
+    spent = perf_counter() - begin
     for side in np.flatnonzero(patch.collapsed).tolist():
         row = fit.nets[0][on_side(side)]
         row[:] = row[0]
-    if fit.error > allowed and not is_out_of_time():
+    if fit.error > allowed and seconds_left() > 2 * spent:  # several patches take longer than one
         with suppress(DomainError):  # a part of Ω is too narrow, as at a sharp angle
             return _patches(solution, rims, tolerance)
     return patch.mesh, fit, patch.on
