@@ -49,8 +49,9 @@ def read_frame(path: str | os.PathLike[str]) -> list[Edge]:
     """
     is_step = Path(path).suffix.lower() in STEP
     try:
-        content = named_parts(path) if is_step else json.loads(Path(path).read_bytes())
-    except (ValueError, RecursionError) as error:  # also of numbers with thousands of digits
+        # an integer of thousands of digits is an error
+        content = named_parts(path) if is_step else json.loads(Path(path).read_bytes(), parse_int=float)
+    except (json.JSONDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise MeshFileError(f"{os.fspath(path)}: is no JSON file ({error})", path=path) from error
     try:
         return _of_parts(content) if is_step else _of_json(content)

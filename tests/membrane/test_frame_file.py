@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from spinor_geom import Cable, OpenCurve, Ring, Stay, SymmetryPlane, solve_membrane
-from spinor_geom.errors import MeshFileError, OptionError
+from spinor_geom.errors import CadFileError, MeshFileError, OptionError
 from spinor_geom.membrane.frame_file import edges_of_argument, read_frame
 
 cad = pytest.importorskip("build123d")
@@ -110,4 +110,10 @@ def test_bad_parts_are_refused_by_name(shape: Callable[[], Any], message: str, t
         solve_membrane([shape()])
     cad.export_step(shape(), tmp_path / "frame.step")
     with pytest.raises(MeshFileError, match=message):
+        read_frame(tmp_path / "frame.step")
+
+
+def test_a_step_file_without_shapes_is_not_taken_for_json(tmp_path: Path) -> None:
+    (tmp_path / "frame.step").write_text("")
+    with pytest.raises(CadFileError, match=r"frame.step: has no shape that Open CASCADE can read"):
         read_frame(tmp_path / "frame.step")
