@@ -215,7 +215,6 @@ def named_parts(path: str | os.PathLike[str]) -> list[tuple[tuple[str, ...], Any
     """
     _require_cad_file(path)
     from OCP.IFSelect import IFSelect_RetDone
-    from OCP.Interface import Interface_Static
     from OCP.STEPCAFControl import STEPCAFControl_Reader
     from OCP.TCollection import TCollection_ExtendedString
     from OCP.TDocStd import TDocStd_Document
@@ -223,19 +222,22 @@ def named_parts(path: str | os.PathLike[str]) -> list[tuple[tuple[str, ...], Any
     from OCP.XCAFDoc import XCAFDoc_DocumentTool
 
     document, reader = TDocStd_Document(TCollection_ExtendedString("XmlXCAF")), STEPCAFControl_Reader()
-    Interface_Static.SetIVal_s("read.stepcaf.subshapes.name", 1)
     with _silent():
         done = reader.ReadFile(os.fspath(path)) == IFSelect_RetDone and reader.Transfer(document)
     tool = XCAFDoc_DocumentTool.ShapeTool_s(document.Main())
     roots = [label for label in _children(tool.Label()) if tool.IsFree_s(label)]
     if not done or not roots:
         raise _unreadable(path)
+    transfer = reader.ChangeReader().WS().TransferReader()
     # not lazily: labels end with their document
-    return [part for label in roots for part in _parts_of_label(label, (), TopLoc_Location())]
+    return [part for label in roots for part in _parts_of_label(label, transfer, (), TopLoc_Location())]
 
 
-def _parts_of_label(label: Any, names: tuple[str, ...], place: Any) -> Iterator[tuple[tuple[str, ...], Any]]:
+def _parts_of_label(
+    label: Any, transfer: Any, names: tuple[str, ...], place: Any
+) -> Iterator[tuple[tuple[str, ...], Any]]:
     """The `named_parts` of a shape of a document, moved to a place."""
+    from OCP.StepRepr import StepRepr_RepresentationItem
     from OCP.TDF import TDF_Label
     from OCP.XCAFDoc import XCAFDoc_ShapeTool as Tool
 
@@ -243,14 +245,15 @@ def _parts_of_label(label: Any, names: tuple[str, ...], place: Any) -> Iterator[
     if Tool.IsReference_s(label):
         referred = TDF_Label()
         Tool.GetReferredShape_s(label, referred)
-        yield from _parts_of_label(referred, names, place.Multiplied(Tool.GetLocation_s(label)))
+        yield from _parts_of_label(referred, transfer, names, place.Multiplied(Tool.GetLocation_s(label)))
         return
     for component in filter(Tool.IsComponent_s, _children(label)):
-        yield from _parts_of_label(component, names, place)
+        yield from _parts_of_label(component, transfer, names, place)
     if not Tool.IsAssembly_s(label):
-        own = {hash(Tool.GetShape_s(one)): _names(one) for one in filter(Tool.IsSubShape_s, _children(label))}
         for part in outer_parts(Tool.GetShape_s(label)):
-            yield (*own.get(hash(part), ()), *names), part.Moved(place)
+            entity = transfer.EntityFromShapeResult(part, 1)
+            own = (entity.Name().ToCString(),) if isinstance(entity, StepRepr_RepresentationItem) else ()
+            yield (*own, *names), part.Moved(place)
 
 
 def _names(label: Any) -> tuple[str, ...]:

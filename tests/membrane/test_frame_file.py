@@ -117,3 +117,16 @@ def test_a_step_file_without_shapes_is_not_taken_for_json(tmp_path: Path) -> Non
     (tmp_path / "frame.step").write_text("")
     with pytest.raises(CadFileError, match=r"frame.step: has no shape that Open CASCADE can read"):
         read_frame(tmp_path / "frame.step")
+
+
+def test_curves_of_a_step_file_have_names_of_their_own(tmp_path: Path) -> None:
+    path = tmp_path / "frame.step"
+    cad.export_step(cad.Wire.make_polygon([(0, 0, 0), (1, 0, 0), (1, 1, 0)], close=True), path)
+    path.write_text(path.read_text().replace("TRIMMED_CURVE(''", "TRIMMED_CURVE('cable 2'", 2))
+    assert [type(edge) for edge in read_frame(path)] == [Cable, Cable, OpenCurve]
+
+
+def test_ends_that_nearly_meet_are_joined() -> None:
+    square = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 1e-7)]
+    sides = [line("cable 1.5", square[0], (1, 0, 1e-7)), *(line("", square[k], square[(k + 1) % 4]) for k in (1, 2, 3))]
+    assert solve_membrane(sides).cables[0].length == pytest.approx(3 * np.arcsin(1 / 3), abs=1e-6)
