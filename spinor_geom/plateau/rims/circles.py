@@ -8,16 +8,14 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Complex, Float, Int
-from numpy.polynomial import Chebyshev
 
 from spinor_geom.arrays import cis
 from spinor_geom.holomorphic.circular_domain import turned, turned_circles
-from spinor_geom.plateau.rims.sides import CorneredRims, Side, cluster
+from spinor_geom.plateau.rims.sides import CorneredRims, Place, Side, cluster
 
 # Poles between circles that nearly touch: the first distance from a circle, in radii, and the ratio of distances
 _FIRST_DISTANCE, _RATIO = 0.6, 0.75
-# Density of modes at gaps between circles, and degree of its polynomial
-_CROWDING, _GAP_DEGREE = 0.25, 200
+_CROWDING = 0.25  # density of nodes and modes at a gap between circles, times its width
 _SPREADING_STEPS = 30  # of the maps to an image whose holes and corners are spread evenly
 
 
@@ -51,19 +49,22 @@ class Circles:
         first, last = self.arguments[list(side.corners)].tolist()
         return first, (last - first) % (2 * np.pi) or 2 * np.pi
 
-    def places(self, side: Side) -> Chebyshev:
-        """`Side.place` that is steep where other circles are near: about the conformal coordinate of a narrow gap."""
+    def places(self, side: Side) -> Place:
+        """`Side.place` that is steep where other circles are near: about the conformal coordinate of a narrow gap.
+
+        At points z of one circle, |z − c|² − r² of another one is a − b cos of the angle from the nearest point.
+        """
         first, arc = self.arc(side)
-        radius = self.radii[side.rim]
-
-        def slope(u: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-            z = self.centres[side.rim] + radius * cis(self.signs[side.rim] * (first + arc * u))
-            gaps = np.abs(np.abs(z - self.centres[:, None]) - self.radii[:, None])
-            return np.asarray(1 + _CROWDING * arc * radius * (1 / np.delete(gaps, side.rim, axis=0)).sum(axis=0))
-
-        whole = Chebyshev.interpolate(slope, _GAP_DEGREE, domain=[0, 1]).integ(lbnd=0)
-        scaled: Chebyshev = whole / float(whole(1.0))
-        return scaled
+        radius, others = float(self.radii[side.rim]), np.delete(np.arange(len(self.radii)), side.rim)
+        towards = (self.centres[others] - self.centres[side.rim]) * np.where(others == 0, -1, 1)
+        away = np.abs(towards)
+        power = np.abs(away**2 + radius**2 - self.radii[others] ** 2)
+        return Place(
+            arc=arc,
+            first=first - self.signs[side.rim] * np.angle(towards),
+            eccentricities=2 * away * radius / power,
+            weights=2 * _CROWDING * arc * radius * self.radii[others] / power,
+        )
 
     def _marks(self, rim_of_corner: Int[np.ndarray, " c"]) -> Complex[np.ndarray, " k"]:
         """Images of corners on the outer circle, and centres of holes."""

@@ -14,20 +14,24 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Complex, Float
+from jaxtyping import Complex, Float, Int
+from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dpstrf
 
 from spinor_geom.arrays import cis
 from spinor_geom.holomorphic.circular_domain import turned
 from spinor_geom.plateau.rims.circles import Circles
 from spinor_geom.plateau.rims.sides import CorneredRims, Resolution, Side
 
-_DEPENDENT = 1e-14  # eigenvalues below this share of the largest are dropped: functions are nearly dependent
-# Share of a side near a corner, and the largest |φ·φ|/|φ|² there where the assumed angle is kept. Films that leave a
-# corner outwards have its own angle at last; above this number areas by the rest of a full turn are off by 1e-6.
-_NEAR, _CONFORMAL = 3e-3, 0.4
+# Least square of a function's part independent of the others, over its own: others are dropped. With 1e-14 errors of
+# the quadrature count, and the energy is not smooth.
+_DEPENDENT = 1e-12
+_NEAR = 3e-3  # share of a side near a corner: poles reach farther
 _CONTINUED = 1e-2  # least share of a side from which slides are fitted at a corner whose angle was wrong
+_ROUNDED = 1e-8  # shares of a side that are not used when Ω is mapped
 _SMOOTHING = 0.8  # factor of each power in holomorphic fields through the corners, so that low powers prevail
 
 
@@ -39,6 +43,15 @@ class Moves:
     along: Complex[np.ndarray, "n p"]  # dv between nodes, times the weights
     turns: Complex[np.ndarray, "n p"]  # v/(z − c) of the velocities that turn or enlarge a circle, 0 for the others
     around: Complex[np.ndarray, " n"]  # z − c
+
+
+class _Galerkin(NamedTuple):
+    """The harmonic functions that are kept, of energy ½ each, and the Cholesky factor of their energies."""
+
+    normals: Float[np.ndarray, "n r"]  # normal derivatives at the nodes, times the weights
+    factor: Float[np.ndarray, "r r"]  # lower triangle
+    kept: Int[np.ndarray, " r"]  # numbers among the real, then the imaginary parts of all functions
+    size: Float[np.ndarray, " k2"]  # roots of twice the energies of all functions
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -111,32 +124,40 @@ class CornerForm:
         return np.asarray(found)
 
     @cached_property
-    def _galerkin(self) -> tuple[Float[np.ndarray, "n r"], Float[np.ndarray, "k2 r"]]:
-        """Y with Λ = Y Yᵀ, and the matrix from Yᵀ X to coefficients of the harmonic function."""
+    def _galerkin(self) -> _Galerkin:
         logarithms = len(self.circles.centres) - 1
         value, slope, _ = self.at_nodes
         flux = slope * self.nodes[1][:, None]
         values = np.concatenate([value.real, value.imag[:, :-logarithms]], axis=1)
         normals = np.concatenate([flux.imag, -flux.real[:, :-logarithms]], axis=1)
-        scale = np.abs(values).max(axis=0)
-        gram = (values / scale).T @ (normals / scale)
-        sizes, vectors = np.linalg.eigh((gram + gram.T) / 2)
-        kept = sizes > _DEPENDENT * sizes[-1]
-        basis = vectors[:, kept] / np.sqrt(sizes[kept]) / scale[:, None]
-        return normals @ basis, basis
+        gram = values.T @ normals
+        size = np.sqrt(np.abs(np.diag(gram)))
+        gram = (gram + gram.T) / (2 * size * size[:, None])
+        factor, order, rank, _ = dpstrf(gram, tol=_DEPENDENT, lower=1)
+        kept = order[:rank] - 1
+        return _Galerkin(
+            normals=normals[:, kept] / size[kept],
+            factor=factor[:rank, :rank],
+            kept=kept,
+            size=size,
+        )
 
-    @property
+    @cached_property
     def root(self) -> Float[np.ndarray, "n r"]:
         """Y with Λ = Y Yᵀ, integrals between nodes."""
-        return self._galerkin[0]
+        return np.asarray(solve_triangular(self._galerkin.factor, self._galerkin.normals.T, lower=True).T)
+
+    def projected(self, values: Float[np.ndarray, "n c"]) -> Float[np.ndarray, "r c"]:
+        """Yᵀ values."""
+        return np.asarray(solve_triangular(self._galerkin.factor, self._galerkin.normals.T @ values, lower=True))
 
     def coefficients(self, values: Float[np.ndarray, "n c"]) -> Complex[np.ndarray, "k c"]:
         """Coefficients of the functions whose real part has given values at the nodes."""
-        both = self._galerkin[1] @ (self.root.T @ values)
-        count = self.at_nodes.shape[2]
-        imaginary = np.zeros((count, values.shape[1]))
-        imaginary[: len(both) - count] = both[count:]
-        return np.asarray(both[:count] - 1j * imaginary)
+        own, count = self._galerkin, self.at_nodes.shape[2]
+        found = solve_triangular(own.factor, self.projected(values), lower=True, trans="T")
+        both = np.zeros((2 * count, values.shape[1]))
+        both[own.kept] = found / own.size[own.kept, None]
+        return np.asarray(both[:count] - 1j * both[count:])
 
     @cached_property
     def moves(self) -> Moves:
@@ -183,12 +204,17 @@ class CorneredSurface:
 
     @cached_property
     def _projected(self) -> Float[np.ndarray, "r 3"]:
-        return np.asarray(self.form.root.T @ self._points[0])
+        return self.form.projected(self._points[0])
 
     @property
     def energy(self) -> float:
         """The Dirichlet energy: the area of a conformal surface."""
         return float((self._projected**2).sum() / 2)
+
+    @property
+    def points(self) -> Float[np.ndarray, "n 3"]:
+        """Γ at the nodes."""
+        return np.asarray(self._points[0])
 
     @cached_property
     def coefficients(self) -> Complex[np.ndarray, "k 3"]:
@@ -199,8 +225,8 @@ class CorneredSurface:
         """φ = 2∂X/∂z in Ω."""
         return np.asarray(self.form.functions(z)[1] @ self.coefficients)
 
-    def are_conformal_at_corners(self) -> Bool[np.ndarray, " c"]:
-        """Whether the surface is conformal near each corner, as it is if the assumed angle is right."""
+    def defects_at_corners(self) -> Float[np.ndarray, " c"]:
+        """Largest |φ·φ|/|φ|² near each corner: the surface is conformal there if the assumed angle is right."""
         rims = self.form.rims
         phi = self.form.at_nodes[1] @ self.coefficients
         defects = np.abs((phi * phi).sum(1)) / (np.abs(phi) ** 2).sum(1)
@@ -208,7 +234,7 @@ class CorneredSurface:
         for side, rows in zip(rims.sides, rims.rows, strict=True):
             for corner, share in zip(side.corners or (), side.shares, strict=False):
                 largest[corner] = max(largest[corner], np.median(defects[rows][abs(np.log10(share / _NEAR)) < 0.5]))
-        return largest < _CONFORMAL
+        return largest
 
     def refitted(self, exponents: Float[np.ndarray, " c"], resolution: Resolution) -> CorneredSurface:
         """The surface with other angles at corners, over π, another resolution, and modes for gaps between circles."""
@@ -321,9 +347,11 @@ class CorneredSurface:
             ends = form.circles.signs[side.rim] * angles[rows] - np.array([[first], [first + arc]])
             near, far = ends[0] % (2 * np.pi), -ends[1] % (2 * np.pi)
             shares = np.where(side.shares[0] < 0.5, [near, arc - near], [arc - far, far]) / arc
-            modes = form.rims.modes[rows, columns]
+            # near corners angles are rounding errors, and modes are constant
+            far = shares.min(axis=0) > _ROUNDED
+            shares, modes = shares[:, far], form.rims.modes[rows, columns][far]
             sums = side.base(shares) + side.modes(shares) @ self.slides[columns]
             if side.corners is None:  # s − u is continuous
-                sums += np.round(side.shares[0] + (sums - shares[0]).mean() - sums)
-            slides[columns] = np.linalg.lstsq(modes, sums - side.base(side.shares), rcond=None)[0]
+                sums += np.round(side.shares[0, far] + (sums - shares[0]).mean() - sums)
+            slides[columns] = np.linalg.lstsq(modes, sums - side.base(side.shares[:, far]), rcond=None)[0]
         return CorneredSurface(form=image, slides=slides)

@@ -1,54 +1,37 @@
 """Minimal surfaces between several rims of which some have corners: a start on few nodes, Newton's method, and a lift.
 
-The start is a harmonic surface with rounded corners. `stationary` finds the harmonic surface with the corners; p and q,
-square roots of components of its φ, are expanded in functions with the same poles. Where their surface is too far from
-Γ, corners are resolved better, and at last p and q are fitted.
+The start is a harmonic surface with rounded corners. `stationary` finds the harmonic surface with the corners, and
+`CorneredLift` p and q. Where their surface is too far from Γ, corners are resolved better.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
-from itertools import pairwise
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Complex, Float
-from scipy.integrate import cumulative_trapezoid
 
-from spinor_geom.arrays import EPS, NUMPY, cis, to_numpy, unit
-from spinor_geom.domain.plane_domain import TOWARDS_CORNER, PlaneDomain, SplineBoundary, panel_breaks
-from spinor_geom.domain.quadrature import path_to
+from spinor_geom.arrays import EPS, NUMPY, to_numpy, unit
 from spinor_geom.errors import OutOfTimeError, SurfaceError
 from spinor_geom.holomorphic.circular_domain import CircularDomain, centring, turned
-from spinor_geom.holomorphic.poles import Poles
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.curve_tensors import CurveTensors
-from spinor_geom.plateau.network.discretisation import Discretisation
-from spinor_geom.plateau.network.network_route import Fitted, NetworkSolver
 from spinor_geom.plateau.problem import PlateauProblem
 from spinor_geom.plateau.rims.capacity_path import mean_modulus
 from spinor_geom.plateau.rims.circles import Circles
 from spinor_geom.plateau.rims.cornered import CorneredSurface, CornerForm
+from spinor_geom.plateau.rims.cornered_lift import CorneredLift, LiftedSurface
 from spinor_geom.plateau.rims.cornered_newton import ROUGHLY, stationary
 from spinor_geom.plateau.rims.sides import COARSE, FINE, ROUGH, CorneredRims, Side
 from spinor_geom.plateau.rims.starts import OrientedSurface
 from spinor_geom.plateau.route_result import RimsResult, RouteResult
-from spinor_geom.surface.array_surface import PATH_ORDER
-from spinor_geom.surface.frames import signs_close_up, spinors_from_phi
 
-_TURN = np.radians(20.0)  # largest turn of an edge of a circle's polygon
-_DEGREE = 14  # of the polynomials of the arcs: to rounding errors for such turns
-_LEAST_EDGES = 6  # of a side
 _FREQUENCIES = 10, 96  # least and largest number of frequencies of a rim without corners
 _SPECTRUM = 1e-7  # share of the amplitude of Γ above the frequencies of the slide, which has half of them
-_SAMPLES = 256  # of Γ for its spectrum, and of a side for the gap
-_NULL = 0.03  # largest |φ·φ|/|φ|² where the signs of p and q are known
-_FOR_AREAS = 1e-4  # distance from Γ, in mean edges, from which areas are off by 1e-6 and more
-# Least number of poles in a hole, and the share of powers as high as their number that enter lower ones
-_FEWEST_IN_HOLE, _ALIAS = 20, 1e-8
+_SAMPLES = 256  # of Γ for its spectrum
+_DOUBTFUL = 0.3  # |φ·φ|/|φ|² near a corner above which the rest of a full turn is tried as its angle
 # Modes of the start's slides that are fitted to nodes, and the least share of a side between these and its ends
 _START_MODES, _INSIDE = 3, 0.02
 
@@ -66,20 +49,25 @@ def solve_with_corners(problem: PlateauProblem, oriented: OrientedSurface) -> Ro
     with problem.clock.stage("slides"):
         surface = stationary(start.surface, problem.steps, ROUGHLY)
         surface = stationary(surface.refitted(start.exponents, COARSE), problem.steps, ROUGHLY)
-        are_right = surface.are_conformal_at_corners()
-        if not are_right.all():
-            exponents = np.where(are_right, start.exponents, 2 - start.exponents)
-            other = stationary(surface.refitted(exponents, COARSE), problem.steps, ROUGHLY)
-            surface = min(surface, other, key=lambda one: one.energy)
-        surface = stationary(surface.refitted(surface.form.rims.exponents, ROUGH), problem.steps)
-    best = _Lifted(problem=problem, curves=start.curves, surface=surface)
-    if best.is_near(best.fitted):
-        return best.result(oriented)
-    with suppress(OutOfTimeError, SurfaceError):  # a finer surface that fails is not used
-        with problem.clock.stage("slides"):
-            surface = stationary(surface.refitted(surface.form.rims.exponents, FINE), problem.steps)
-        best = min(best, replace(best, surface=surface), key=lambda one: one.fitted.misfit.rms)
-    return best.result(oriented)
+        exponents, defects = start.exponents, surface.defects_at_corners()
+        if (defects > _DOUBTFUL).any():
+            other = np.where(defects > _DOUBTFUL, 2 - exponents, exponents)
+            turned = stationary(surface.refitted(other, COARSE), problem.steps, ROUGHLY)
+            exponents = np.where(turned.defects_at_corners() < defects, other, exponents)
+            surface = turned
+        surface = stationary(surface.refitted(exponents, ROUGH), problem.steps)
+    found = _lifted(problem, start, surface)
+    if problem.excess(found.misfit) > 1:
+        with suppress(OutOfTimeError, SurfaceError):  # a finer surface that fails is not used
+            with problem.clock.stage("slides"):
+                surface = stationary(surface.refitted(surface.form.rims.exponents, FINE), problem.steps)
+            found = min(found, _lifted(problem, start, surface), key=lambda one: one.misfit.rms)
+    return _result(problem, found, oriented)
+
+
+def _lifted(problem: PlateauProblem, start: _Start, surface: CorneredSurface) -> LiftedSurface:
+    with problem.clock.stage("lift"):
+        return CorneredLift(surface=surface, curves=start.curves).lifted()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -199,178 +187,27 @@ def _unwrapped(z: Complex[np.ndarray, "m n"], centres: Complex[np.ndarray, " m"]
     return np.unwrap(signs[:, None] * np.angle(z - centres[:, None]), axis=1)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Lifted:
-    """p and q of a harmonic surface with corners."""
-
-    problem: PlateauProblem
-    curves: tuple[BoundaryCurve, ...]
-    surface: CorneredSurface
-
-    def is_near(self, fitted: Fitted) -> bool:
-        """Whether a surface is within the tolerance, and near enough for areas to six digits."""
-        return self.problem.excess(fitted.misfit) <= min(1.0, _FOR_AREAS / self.problem.options.tolerance)
-
-    def result(self, oriented: OrientedSurface) -> RouteResult:
-        """The minimal surface, fitted to Γ if that of p and q misses the tolerance."""
-        solver, fitted = NetworkSolver(problem=self.problem), self.fitted
-        if not self.is_near(fitted):
-            with suppress(OutOfTimeError):
-                fitted = min(fitted, solver.brought_nearer(fitted), key=lambda one: one.misfit.rms)
+def _result(problem: PlateauProblem, found: LiftedSurface, oriented: OrientedSurface) -> RouteResult:
+    with problem.clock.stage("surface"):
+        form, surface = found.lift.surface.form, found.surface(problem.options.place)
         rims_result = RimsResult(
             order=tuple(rim.number for rim in oriented.rims),
             backward=oriented.backward,
-            modulus=mean_modulus(_normalised(self.surface.form)),
-            antiperiodic=tuple(centre in fitted.stage.branches for centre in self.surface.form.circles.centres[1:]),
-            period=0.0,
+            modulus=mean_modulus(_normalised(form)),
+            antiperiodic=tuple(np.isin(form.circles.centres[1:], found.lift.branches).tolist()),
+            period=surface.largest_period(),
         )
-        return solver.result(fitted, self.curves, "network on circles", rims_result)
-
-    @cached_property
-    def fitted(self) -> Fitted:
-        """P and q expanded in functions with poles, with the distance of their surface from Γ."""
-        place, form = self.problem.options.place, self.surface.form
-        with self.problem.clock.stage("features"):
-            domain = self.domain
-            make = partial(
-                Discretisation,
-                domain=domain,
-                curves=tuple(CurveTensors.of(curve, place) for curve in self.curves),
-                corners=tuple(curve.breaks[:-1][curve.corners] for curve in self.curves),
-                poles=self._poles,
-                breaks=tuple(map(panel_breaks, domain.boundaries)),
-                degree=max(self.problem.options.cauchy.degree, form.rims.powers[0]),
-                at_corner=0,  # of those to be placed; `poles` has them
-            )
-            first = make(branches=())
-            z = np.split(first.panels.z, np.cumsum(first.panels.rims)[:-1] * first.panels.order)
-            is_odd = [not bool(signs_close_up(*self._spinors(own))) for own in z[1:]]
-            branches = tuple(form.circles.centres[1:][is_odd].tolist())
-            stage = make(branches=branches) if branches else first
-            spinors = self._joined(domain, z, branches) * np.sqrt(
-                first.panels.z[:, None, None] - np.array(branches, dtype=np.complex128)
-            ).prod(axis=-1)
-            readout = stage.readout_of(place.put(spinors))
-            slide = np.concatenate(list(map(self._slide, range(len(z)), stage.panels.own_parameters)))
-            return NetworkSolver(problem=self.problem).lifted(stage, readout, place.put(slide))
-
-    @property
-    def _poles(self) -> Poles:
-        """Those of the harmonic surface, and poles in the holes in place of powers."""
-        form = self.surface.form
-        positions, scales, _ = form.circles.poles(form.rims)
-        poles = Poles(positions=positions, scales=scales)
-        circles = zip(form.circles.centres[1:], form.circles.radii[1:], form.rims.powers[1:], strict=True)
-        for centre, radius, powers in circles:
-            count = max(powers, _FEWEST_IN_HOLE)
-            inside = radius * _ALIAS ** (1 / count)
-            around = centre + inside * cis(2 * np.pi / count * np.arange(count))
-            poles += Poles(positions=around, scales=np.full(count, radius - inside))
-        return poles
-
-    @cached_property
-    def domain(self) -> PlaneDomain:
-        """Ω, with vertices at the corners."""
-        outer, *holes = self._boundaries
-        return PlaneDomain.inside(outer, holes=tuple(holes))
-
-    @cached_property
-    def _boundaries(self) -> tuple[SplineBoundary, ...]:
-        """The circles, from their first corners on."""
-        circles, boundaries = self.surface.form.circles, []
-        # of edges towards a corner with an angle below 180°; panels are shorter
-        levels = self.surface.form.rims.resolution.halvings // 2 - len(TOWARDS_CORNER) // 2
-        for rim, (centre, radius, sign) in enumerate(zip(circles.centres, circles.radii, circles.signs, strict=True)):
-            arguments = self._ends(rim)
-            parts = []
-            sides = (side for side in self.surface.form.rims.sides if side.rim == rim)
-            for (start, end), side in zip(pairwise(arguments.tolist()), sides, strict=True):
-                even = self._edges(rim, start, end)
-                near = 0.25 ** np.arange(levels, 0, -1)
-                ahead, back = (
-                    length * near[: levels * (exponent < 1)]
-                    for length, exponent in zip((even[1] - start, end - even[-2]), side.exponents, strict=True)
-                )
-                parts.append(np.concatenate([[start], start + ahead, even[1:-1], end - back[::-1]]))
-            corners = np.concatenate([np.arange(len(part)) == 0 for part in parts]) & self._has_corners(rim)
-            at = np.append(np.concatenate(parts), arguments[-1])
-            k = np.arange(_DEGREE, -1, -1)[:, None]
-            slopes = (2j * np.pi * sign) ** k / [[math.factorial(power)] for power in k.ravel()]
-            coefficients = radius * slopes * np.exp(1j * sign * at[:-1])
-            coefficients[-1] += centre
-            parameters = np.append((at[:-1] - at[0]) / (2 * np.pi), 1.0)
-            boundaries.append(SplineBoundary(parameters, coefficients, corners))
-        return tuple(boundaries)
-
-    def _edges(self, rim: int, start: float, end: float) -> Float[np.ndarray, " k"]:
-        """Arguments between two on a circle, in steps as long as the gap to the nearest other circle at most."""
-        circles = self.surface.form.circles
-        at = np.linspace(start, end, _SAMPLES)
-        z = circles.centres[rim] + circles.radii[rim] * cis(circles.signs[rim] * at)
-        gaps = np.abs(np.abs(z - circles.centres[:, None]) - circles.radii[:, None])
-        longest = np.minimum(_TURN, np.delete(gaps, rim, axis=0).min(axis=0) / circles.radii[rim])
-        edges = cumulative_trapezoid(1 / longest, at, initial=0)
-        edges *= max(math.ceil(edges[-1]), _LEAST_EDGES) / edges[-1]
-        return np.asarray(np.interp(np.arange(round(edges[-1]) + 1), edges, at))
-
-    def _has_corners(self, rim: int) -> bool:
-        return bool((self.surface.form.rims.rim_of_corner == rim).any())
-
-    def _ends(self, rim: int) -> Float[np.ndarray, " k"]:
-        """Arguments of the ends of a rim's sides, closed."""
-        form = self.surface.form
-        own = form.circles.arguments[form.rims.rim_of_corner == rim] if self._has_corners(rim) else np.zeros(1)
-        return np.append(own, own[0] + 2 * np.pi)
-
-    def _spinors(
-        self, z: Complex[np.ndarray, " n"], branches: Sequence[complex] = ()
-    ) -> tuple[Complex[np.ndarray, " n"], Complex[np.ndarray, " n"]]:
-        """Values of p and q along a path, over the product of √(z − c), with continuous signs.
-
-        Where the surface is far from conformal, as in a corner that it leaves outwards, they are those before.
-        """
-        squared = (z[:, None] - np.array(branches, dtype=np.complex128)).prod(axis=-1)
-        phi = self.surface.null_curve(z) / squared[:, None]
-        is_null = np.abs((phi * phi).sum(axis=1)) < _NULL * (np.abs(phi) ** 2).sum(axis=1)
-        nearest = np.maximum.accumulate(np.where(is_null, np.arange(len(z)), is_null.argmax()))
-        return spinors_from_phi(phi[nearest])
-
-    def _joined(
-        self, domain: PlaneDomain, z: Sequence[Complex[np.ndarray, " _"]], branches: Sequence[complex]
-    ) -> Complex[np.ndarray, "n 2"]:
-        """Values of p and q on all rims, over the product of √(z − c), with continuous signs along paths across Ω.
-
-        Raises:
-            SurfaceError: the signs change around a rim.
-        """
-        parts = [np.stack(self._spinors(z[0], branches), axis=-1)]
-        for hole, own in enumerate(z[1:]):
-            first = sum(len(boundary.vertices) for boundary in domain.boundaries[: hole + 1])
-            (back, _), (ahead, _) = (path_to(domain, vertex, PATH_ORDER) for vertex in (0, first))
-            across = np.concatenate([z[0][:1], back[::-1], ahead, own])
-            spinors = np.stack(self._spinors(across, branches), axis=-1)
-            sign = np.sign((spinors[0] * parts[0][0].conj()).sum().real)
-            parts.append(sign * spinors[-len(own) :])
-        if not all(bool(signs_close_up(*part.T)) for part in parts):
-            raise SurfaceError(
-                "the harmonic surface between the rims has a branch point of odd order; no immersed minimal surface "
-                "was found near it"
-            )
-        return np.concatenate(parts)
-
-    def _slide(self, rim: int, t: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Curve parameters at parameters of a boundary of Ω."""
-        rims, ends = self.surface.form.rims, self._ends(rim)
-        starts = (ends - ends[0]) / (2 * np.pi)
-        numbers = [number for number, side in enumerate(rims.sides) if side.rim == rim]
-        own = np.searchsorted(starts[1:-1], t, side="right")
-        slide = np.empty_like(t)
-        for k, number in enumerate(numbers):
-            side, here = rims.sides[number], own == k
-            shares = np.stack([t[here] - starts[k], starts[k + 1] - t[here]]) / (starts[k + 1] - starts[k])
-            coefficients = self.surface.slides[rims.columns[number]]
-            slide[here] = side.slide(side.base(shares) + side.modes(shares) @ coefficients)[0]
-        return slide
+        return RouteResult(
+            curves=found.lift.curves,
+            domain=surface.domain,
+            surface_at=surface.placed,
+            matchings=found.matchings,
+            misfit=found.misfit,
+            area=found.lift.surface.energy,  # with an error of second order in the distance from Γ
+            route="network on circles",
+            limit="more poles at the corners do not reduce the residual further",
+            rims_result=rims_result,
+        )
 
 
 def _normalised(form: CornerForm) -> CircularDomain:

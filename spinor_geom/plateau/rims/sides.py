@@ -10,38 +10,72 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinor_geom.domain.quadrature import rule
 from spinor_geom.plateau.curve_tensors import CurveTensors
 
 _DECAY = 4.0  # σ in the distances exp(−σ(√n − √k)) of poles from a corner
 _POWERS = 8  # powers of a circle's coordinate for each of its sides
-_LEAST_HALVINGS = 10
-_EVEN = 0.0625, 0.125, 0.25, 0.375, 0.5  # ends of panels far from corners
+_LEAST_DEPTH = 7.0
 _MARGIN = 1e-13  # least distance of parameters from those of corners, because Γ′ there is that of the next side
+# Step of the trapezoid rule in log u. The field of a pole at a corner is analytic for |Im log u| < π/2, and the error
+# exp(−π²/step) is 5e-15.
+_STEP = 0.3
+# Nodes far from corners: so many steps for each unit of `Place`, because powers of the coordinate are no functions of
+# log u.
+_FAR = 7.0
+# Beyond the last pole of a corner, u decreases double exponentially: from exp(−_BEYOND) times its distance, in log u,
+# to 1e-8 of that.
+_BEYOND, _TAIL = 3.0, 2.8
+_TABLE = 1000  # points of the function that is inverted for the nodes; Newton's method follows
 
 
 class Resolution(NamedTuple):
     """How well corners are resolved."""
 
-    halvings: int  # of the panels towards a corner with α = π/2; fewer for larger angles
-    nodes: int  # of a panel
+    depth: float  # −log u of the last pole at a corner with α = π/2; less for larger angles
     degree: int  # of the Chebyshev polynomials of a side's slide
 
 
 # The start has few modes: with many, slides far from the solution find values that few poles take for less energy.
 # Afterwards, the boundary is within 2e-4 of a side at corners of 90°, and within 5e-6.
-COARSE, ROUGH, FINE = Resolution(16, 8, 6), Resolution(24, 10, 14), Resolution(36, 14, 20)
-
-_Shares: TypeAlias = Float[np.ndarray, "*n"]
+COARSE, ROUGH, FINE = Resolution(11.0, 6), Resolution(16.6, 14), Resolution(25.0, 20)
 
 
-def _evenly(u: _Shares) -> _Shares:
-    return u
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Place:
+    """The integral of 1 + Σ weight/(1 − eccentricity·cos) of angles along an arc, with its ends at the shares 0 and 1.
+
+    With angles from the points nearest to other circles it is about the conformal coordinate of narrow gaps.
+    """
+
+    arc: float
+    first: Float[np.ndarray, " g"]  # angles of the first end
+    eccentricities: Float[np.ndarray, " g"]
+    weights: Float[np.ndarray, " g"]
+
+    @classmethod
+    def even(cls) -> Place:
+        """The share itself."""
+        none = np.zeros(0)
+        return cls(arc=1.0, first=none, eccentricities=none, weights=none)
+
+    def __call__(self, shares: Float[np.ndarray, "2 n"]) -> Float[np.ndarray, "2 n"]:
+        """The integrals from either end to the points with given u and 1 − u."""
+        half = self.arc / 2 * shares[..., None]
+        square = (1 + self.eccentricities) / (1 - self.eccentricities)
+        ends = np.stack([self.first, -self.first - self.arc])[:, None] / 2
+        cosines = np.cos(ends) * np.cos(ends + half) + square * np.sin(ends) * np.sin(ends + half)
+        turns = 2 * np.arctan2(np.sqrt(square) * np.sin(half), cosines)
+        return np.asarray(shares + turns @ (self.weights / self.arc / np.sqrt(1 - self.eccentricities**2)))
+
+    def slope(self, shares: Float[np.ndarray, "2 n"]) -> Float[np.ndarray, " n"]:
+        """The integrand."""
+        angles = self.first + self.arc * shares[0, :, None]
+        return np.asarray(1 + (1 / (1 - self.eccentricities * np.cos(angles))) @ self.weights)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -56,10 +90,8 @@ class Side:
     frequencies: int  # of the Fourier modes of a whole rim
     shares: Float[np.ndarray, "2 n"]  # u and 1 − u
     weights: Float[np.ndarray, " n"]  # of integrals over u
-    degree: int = 0  # of the polynomials of its slide
-    place: Callable[[_Shares], _Shares] = (
-        _evenly  # v as a function of u in [0, 1]: slides are smooth functions of v, also at narrow gaps
-    )
+    degree: int  # of the polynomials of its slide
+    place: Place  # slides are smooth functions of it, also at narrow gaps
 
     @classmethod
     def between(
@@ -70,10 +102,10 @@ class Side:
         length: float,
         exponents: tuple[float, float],
         resolution: Resolution,
-        place: Callable[[_Shares], _Shares] = _evenly,
+        place: Place,
     ) -> Side:
         """A side between two corners."""
-        (ahead, ahead_weights), (back, back_weights) = (_graded(exponent, resolution) for exponent in exponents)
+        shares, weights = _nodes([_depth(exponent, resolution) + _BEYOND for exponent in exponents], place)
         return cls(
             rim=rim,
             corners=corners,
@@ -81,8 +113,8 @@ class Side:
             length=length,
             exponents=exponents,
             frequencies=0,
-            shares=np.stack([np.concatenate([ahead, 1 - back[::-1]]), np.concatenate([1 - ahead, back[::-1]])]),
-            weights=np.concatenate([ahead_weights, back_weights[::-1]]),
+            shares=shares,
+            weights=weights,
             degree=resolution.degree,
             place=place,
         )
@@ -101,6 +133,8 @@ class Side:
             frequencies=frequencies,
             shares=np.stack([u, 1 - u]),
             weights=np.full(n, 1 / n),
+            degree=0,
+            place=Place.even(),
         )
 
     def base(self, shares: Float[np.ndarray, "2 n"]) -> Float[np.ndarray, " n"]:
@@ -121,10 +155,10 @@ class Side:
         return np.asarray(np.polynomial.chebyshev.chebvander(np.tanh(flattening * (first - last) / 2), self.degree))
 
     def _logarithms(self, shares: Float[np.ndarray, "2 n"]) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-        """Logarithms of v and 1 − v at given u and 1 − u."""
-        v = self.place(shares[0])
-        start, end = self.place(np.array([0.0, 1.0]))
-        return np.log(v - start), np.log(end - v)
+        """Logarithms of `place` from both ends, as shares, at given u and 1 − u."""
+        parts = self.place(shares)
+        first, last = np.log(parts / parts.sum(axis=0))
+        return first, last
 
     def slide(self, sums: Float[np.ndarray, " n"]) -> Float[np.ndarray, "3 n"]:
         """The curve parameter and its first two derivatives with respect to the sum of `base` and modes."""
@@ -136,24 +170,41 @@ class Side:
         return np.stack([self.start + inside, slope, slope * (rest - share)])
 
 
-def _halvings(exponent: float, resolution: Resolution) -> int:
-    """Number of halvings of the panels towards a corner."""
-    return int(np.clip(resolution.halvings / 2 / exponent, _LEAST_HALVINGS, resolution.halvings))
+def _depth(exponent: float, resolution: Resolution) -> float:
+    """−log u of the last pole at a corner."""
+    return float(np.clip(resolution.depth / 2 / exponent, _LEAST_DEPTH, resolution.depth))
 
 
 def cluster(exponent: float, arc: float, resolution: Resolution) -> Float[np.ndarray, " k"]:
-    """Distances of the poles at a corner, down to the length of the last panel on a side with a given arc."""
-    depth = _halvings(exponent, resolution) * math.log(2) - min(math.log(arc), 0.0)
+    """Distances of the poles at a corner, down to a share of a side with a given arc."""
+    depth = _depth(exponent, resolution) - min(math.log(arc), 0.0)
     count = int((1 + depth / _DECAY) ** 2)
     return np.exp(-_DECAY * (math.sqrt(count) - np.sqrt(np.arange(1, count + 1))))
 
 
-def _graded(exponent: float, resolution: Resolution) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Nodes and weights on [0, 1/2], on panels that are quartered towards 0."""
-    ends = np.concatenate([[0.0], 0.5 ** np.arange(_halvings(exponent, resolution), 4, -2), _EVEN])
-    x, w = rule("gauss", resolution.nodes)
-    width = np.diff(ends)[:, None]
-    return (ends[:-1, None] + width * x).ravel(), (width * w).ravel()
+def _nodes(depths: Sequence[float], place: Place) -> tuple[Float[np.ndarray, "2 n"], Float[np.ndarray, " n"]]:
+    """Nodes u and 1 − u, and the weights of integrals over u.
+
+    They are those of the trapezoid rule in x + c·place, with log u/(1 − u) = x up to the double exponential ends.
+    """
+
+    def at(x: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, "2 n"], Float[np.ndarray, " n"]]:
+        ends = np.exp(np.stack([-x - depths[0], x - depths[1]]))
+        logit = x - ends[0] + ends[1]
+        shares = 1 / (1 + np.exp(np.stack([-logit, logit])))
+        return shares, shares[0] * shares[1] * (1 + ends.sum(axis=0))
+
+    table = np.linspace(-depths[0] - _TAIL, depths[1] + _TAIL, _TABLE)
+    steps = (table + _FAR * place(at(table)[0])[0]) / _STEP
+    wanted = np.linspace(steps[0], steps[-1], math.ceil(steps[-1] - steps[0]) + 1)
+    x = np.interp(wanted, steps, table)
+    for _ in range(3):  # to rounding errors
+        shares, slope = at(x)
+        rate = (1 + _FAR * place.slope(shares) * slope) / _STEP
+        x = x - ((x + _FAR * place(shares)[0]) / _STEP - wanted) / rate
+    shares, slope = at(x)
+    rate = (1 + _FAR * place.slope(shares) * slope) / _STEP
+    return shares, slope / rate * (wanted[1] - wanted[0])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -191,7 +242,7 @@ class CorneredRims:
                 length = float(own[following] - own[k]) % 1 or 1.0
                 ends = float(angles[k]), float(angles[following])
                 numbers = first + k, first + following
-                sides.append(Side.between(rim, numbers, float(own[k]), length, ends, resolution))
+                sides.append(Side.between(rim, numbers, float(own[k]), length, ends, resolution, Place.even()))
             powers.append(max(_POWERS * count, frequencies[rim]))
             first += count
         rim_of_corner = np.repeat(np.arange(len(corners)), [len(own) for own in corners])
@@ -208,7 +259,7 @@ class CorneredRims:
         self,
         exponents: Float[np.ndarray, " c"],
         resolution: Resolution,
-        places: Callable[[Side], Callable[[_Shares], _Shares]],
+        places: Callable[[Side], Place],
     ) -> CorneredRims:
         """The rims with other exponents, resolution and `Side.place`."""
         sides = tuple(
@@ -230,12 +281,12 @@ class CorneredRims:
     @cached_property
     def rows(self) -> tuple[slice, ...]:
         """The nodes of each side."""
-        return _slices([len(side.weights) for side in self.sides])
+        return slices([len(side.weights) for side in self.sides])
 
     @cached_property
     def columns(self) -> tuple[slice, ...]:
         """The modes of each side."""
-        return _slices([side.degree + 1 if side.corners else 2 * side.frequencies - 1 for side in self.sides])
+        return slices([side.degree + 1 if side.corners else 2 * side.frequencies - 1 for side in self.sides])
 
     @cached_property
     def modes(self) -> Float[np.ndarray, "n k"]:
@@ -276,6 +327,7 @@ class CorneredRims:
         return np.concatenate(parts, axis=1)
 
 
-def _slices(sizes: Sequence[int]) -> tuple[slice, ...]:
+def slices(sizes: Sequence[int]) -> tuple[slice, ...]:
+    """The parts of an array with given lengths, one after the other."""
     ends = np.cumsum([0, *sizes]).tolist()
     return tuple(map(slice, ends[:-1], ends[1:]))
