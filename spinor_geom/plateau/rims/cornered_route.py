@@ -14,10 +14,13 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 from spinor_geom.arrays import EPS, NUMPY, to_numpy, unit
+from spinor_geom.domain.plane_domain import panel_breaks
 from spinor_geom.errors import OutOfTimeError, SurfaceError
 from spinor_geom.holomorphic.circular_domain import CircularDomain, centring, turned
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.curve_tensors import CurveTensors
+from spinor_geom.plateau.network.discretisation import Discretisation, interpolate_matching
+from spinor_geom.plateau.network.network_route import Fitted, NetworkSolver
 from spinor_geom.plateau.problem import PlateauProblem
 from spinor_geom.plateau.rims.capacity_path import mean_modulus
 from spinor_geom.plateau.rims.circles import Circles
@@ -188,26 +191,51 @@ def _unwrapped(z: Complex[np.ndarray, "m n"], centres: Complex[np.ndarray, " m"]
 
 
 def _result(problem: PlateauProblem, found: LiftedSurface, oriented: OrientedSurface) -> RouteResult:
-    with problem.clock.stage("surface"):
-        form, surface = found.lift.surface.form, found.surface(problem.options.place)
-        rims_result = RimsResult(
-            order=tuple(rim.number for rim in oriented.rims),
-            backward=oriented.backward,
-            modulus=mean_modulus(_normalised(form)),
-            antiperiodic=tuple(np.isin(form.circles.centres[1:], found.lift.branches).tolist()),
-            period=surface.largest_period(),
-        )
-        return RouteResult(
-            curves=found.lift.curves,
-            domain=surface.domain,
-            surface_at=surface.placed,
-            matchings=found.matchings,
-            misfit=found.misfit,
-            area=found.lift.surface.energy,  # with an error of second order in the distance from Γ
-            route="network on circles",
-            limit="more poles at the corners do not reduce the residual further",
-            rims_result=rims_result,
-        )
+    form, surface = found.lift.surface.form, found.surface(problem.options.place)
+    rims_result = RimsResult(
+        order=tuple(rim.number for rim in oriented.rims),
+        backward=oriented.backward,
+        modulus=mean_modulus(_normalised(form)),
+        antiperiodic=tuple(np.isin(form.circles.centres[1:], found.lift.branches).tolist()),
+        period=surface.largest_period(),
+    )
+    if problem.excess(found.misfit) > 1:
+        with suppress(OutOfTimeError):
+            fitted = _fitted(problem, found)
+            if fitted.misfit.rms < found.misfit.rms:
+                solver = NetworkSolver(problem=problem)
+                return solver.result(fitted, found.lift.curves, "network on circles", rims_result)
+    return RouteResult(
+        curves=found.lift.curves,
+        domain=surface.domain,
+        surface_at=surface.placed,
+        matchings=found.matchings,
+        misfit=found.misfit,
+        area=found.lift.surface.energy,
+        route="network on circles",
+        limit="more poles at the corners do not reduce the residual further",
+        rims_result=rims_result,
+    )
+
+
+def _fitted(problem: PlateauProblem, found: LiftedSurface) -> Fitted:
+    """P and q fitted to Γ from those of a lift, with more poles where that misses Γ."""
+    lift, place, solver = found.lift, problem.options.place, NetworkSolver(problem=problem)
+    stage = Discretisation(
+        domain=lift.domain,
+        curves=tuple(CurveTensors.of(curve, place) for curve in lift.curves),
+        corners=tuple(curve.breaks[:-1][curve.corners] for curve in lift.curves),
+        poles=lift.poles,
+        breaks=tuple(map(panel_breaks, lift.domain.boundaries)),
+        degree=len(lift.hessenberg) - 1,
+        at_corner=0,  # of those to be placed; `poles` has them
+        branches=tuple(lift.branches.tolist()),
+    )
+    z = stage.panels.z
+    spinors = (lift.features(z) @ found.readout) * np.sqrt(z[:, None] - lift.branches).prod(axis=-1)[:, None]
+    pairs = zip(found.matchings, stage.panels.own_parameters, strict=True)
+    slide = np.concatenate([interpolate_matching(matching, t) for matching, t in pairs])
+    return solver.brought_nearer(solver.lifted(stage, stage.readout_of(place.put(spinors)), place.put(slide)))
 
 
 def _normalised(form: CornerForm) -> CircularDomain:
