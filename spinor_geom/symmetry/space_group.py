@@ -137,10 +137,12 @@ def _basis(translations: Float[np.ndarray, "k 3"], close: float) -> Float[np.nda
                 raise OptionError("the translations of the continued surface are no lattice; give copies=")
     changed = True
     while changed:
+        changed = False
         basis = basis[np.linalg.norm(basis, axis=1).argsort(kind="stable")]
-        before = basis.copy()
         for k in range(1, len(basis)):
             for j in range(k):
-                basis[k] -= np.round(basis[k] @ basis[j] / (basis[j] @ basis[j])) * basis[j]
-        changed = bool(np.abs(basis - before).max(initial=0.0) > close)
+                shorter = basis[k] - np.round(basis[k] @ basis[j] / (basis[j] @ basis[j])) * basis[j]
+                # where a ratio is 1/2 up to rounding, both vectors are equally long, and steps between them do not end
+                if np.linalg.norm(shorter) < np.linalg.norm(basis[k]) - close:
+                    basis[k], changed = shorter, True
     return basis
