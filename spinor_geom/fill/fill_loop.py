@@ -27,7 +27,7 @@ from spinor_geom.errors import (
 )
 from spinor_geom.fill.attributes import NORMAL, patch_attributes
 from spinor_geom.fill.discrete_patch import discrete_patch, graded_patch
-from spinor_geom.fill.fill_options import FillOptions
+from spinor_geom.fill.fill_options import LEAST_TIME, FillOptions
 from spinor_geom.fill.fill_result import LoopOutcome
 from spinor_geom.fill.new_patch import Change, NewPatch, in_own_frame
 from spinor_geom.fill.no_holes import require_area
@@ -48,7 +48,6 @@ _COARSE = (
 )
 _SEARCHES = 2  # for intersections, before and after a patch is changed in its own frame
 _SEARCH_SECONDS = 3e-5  # for each face of a patch whose intersections are searched: measured are 1e-5 to 3e-5
-_SECONDS_TO_REPORT = 0.5  # for the intersections of a patch, at least, where its loop has no time left
 
 
 def _until(end: float) -> AbstractContextManager[None]:
@@ -140,7 +139,7 @@ class _Maker:
             if exact is None:
                 self.clock.lap("continuation")
                 self.options.on_stage(self.index, "exact surface")
-                left = max(self.end - perf_counter(), _SECONDS_TO_REPORT)
+                left = max(self.end - perf_counter(), LEAST_TIME)
                 exact = next(solved_loops(self.loops, replace(self.options, time_limit=left)))
                 self.clock.lap("solve")
             return self._film(exact)
@@ -206,7 +205,7 @@ class _Maker:
         self.options.on_stage(self.index, "crossings")
         begin = perf_counter()
         try:
-            with _until(max(self.end, begin + _SECONDS_TO_REPORT)):
+            with _until(max(self.end, begin + LEAST_TIME)):
                 new = new.fitted(self.patched)
         except OutOfTimeError:
             new = replace(new.split(self.patched), crossings=NOT_SEARCHED)

@@ -24,6 +24,7 @@ Bridge: TypeAlias = Sequence[int] | Sequence[Sequence[int]]
 CONTINUITIES: dict[str, Continuity] = {"c0": "C0", "film": "C0", "c1": "C1", "smooth": "C1", "auto": "auto"}
 ISLANDS: tuple[Islands, ...] = get_args(Islands)
 TIME_LIMIT = 20.0  # seconds for each loop, see `fill_hole`
+LEAST_TIME = 0.5  # seconds for each search about a loop, at least, where its time limit is shorter
 CLOSING = 1e-3  # largest gap of a curve that is closed, in mean edges
 
 

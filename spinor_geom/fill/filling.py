@@ -12,7 +12,7 @@ from spinor_geom.errors import SpinorGeomError
 from spinor_geom.fill.borders import require_no_border
 from spinor_geom.fill.bridges import fill_between, planned_joins
 from spinor_geom.fill.fill_loop import fill_loop, unfilled
-from spinor_geom.fill.fill_options import Choice, FillOptions
+from spinor_geom.fill.fill_options import LEAST_TIME, Choice, FillOptions
 from spinor_geom.fill.fill_result import FillResult, LoopOutcome
 from spinor_geom.fill.loop_choice import chosen_indices, reasons_to_leave_open
 from spinor_geom.fill.mesh_notes import mesh_notes, useful_merging
@@ -79,7 +79,7 @@ class Filling:
             require_hole(loop, self.patched, self._merging)
             if not is_named:
                 require_no_seams(loop)
-                with time_limit(self._options.time_limit):
+                with time_limit(max(self._options.time_limit, LEAST_TIME)):
                     require_no_border(self.patched, loop)
         except SpinorGeomError as error:
             return error
