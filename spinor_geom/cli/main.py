@@ -182,7 +182,7 @@ _from_zero = _checked(float, "a number of at least 0", lambda x: 0 <= x < math.i
 _MOST_LOOPS = 1_000_000  # in a range
 _OF_LOOPS, _NUMBERS = ("--loop", "--film", "--smooth", "--bridge"), re.compile(r"\d[\d,-]*")  # options, their values
 _MERGE, _ROUNDING = "--merge", "rounding"  # the option, and its value if no number is given
-_DECIMAL = re.compile(r"[-+]?[\d.]+(e[-+]?\d+)?|nan|-?inf", re.IGNORECASE)
+_DECIMAL = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?|nan|-?inf", re.IGNORECASE)
 _FORMATS = ", ".join(suffix[1:] for suffix in MESH_SUFFIXES)
 _FLAG: dict[str, Any] = {"action": "store_true"}
 _LENGTH: dict[str, Any] = {"metavar": "LENGTH", "type": _positive}

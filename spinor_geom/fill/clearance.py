@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 
 from spinor_geom.deadline import is_out_of_time
 from spinor_geom.domain.delaunay import rim_successors, unique_edges
+from spinor_geom.errors import OutOfTimeError
 from spinor_geom.fill.new_patch import NewPatch
 from spinor_geom.fill.patched_mesh import PatchedMesh, patch_chords, split_chords
 from spinor_geom.mesh.operators import face_normals, vertex_normals
@@ -57,7 +58,10 @@ def cleared(patched: PatchedMesh, new: NewPatch) -> NewPatch:
         displacement = float(np.linalg.norm(patch.vertices - start, axis=1).max())
         if displacement > farthest:
             break
-        crossings = patched.crossings(patch, crossings, unmoved)
+        try:
+            crossings = patched.crossings(patch, crossings, unmoved)
+        except OutOfTimeError:
+            break
         if len(crossings) < len(best.crossings):
             best = replace(new, patch=patch, crossings=crossings, edges_split=split, displacement=displacement)
         if not len(crossings.mesh) and not len(crossings.own):

@@ -196,7 +196,10 @@ class _Maker:
             with _until(self.end):
                 return without_intersections(near, local.fitted(near))
 
-        new = self._changed(new, cleared)
+        try:
+            new = self._changed(new, cleared)
+        except OutOfTimeError:
+            new = replace(new, remarks=(*new.remarks, NOT_CLEARED))
         self.clock.lap("clearance")
         return new
 

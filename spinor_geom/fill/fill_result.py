@@ -206,6 +206,7 @@ class LoopOutcome:
             "annulus": None if solution is None or solution.annulus is None else solution.annulus.to_dict(),
             "area_minimum": None if solution is None else bool(solution.is_area_minimum),
             **{name: getattr(self, name) for name in ("vertices_added", "faces_added", "edges_split", *_CROSSINGS)},
+            "is_searched": self.is_searched,
             "face_range": None if self.face_range is None else list(self.face_range),
             "displacement": self.displacement,
             "faces_replaced": self.faces_replaced,
@@ -246,7 +247,9 @@ class FillResult(Shown):
         """The figures of the whole mesh."""
         filled, count = sum(outcome.filled for outcome in self.loops), len(self.loops)
         watertight = "watertight" if self.watertight else "not watertight"
-        intersections = "no intersections" if self.intersection_free else "with intersections, or not searched for them"
+        found = any(outcome.intersections for outcome in self.loops)
+        unless_found = "no intersections" if self.intersection_free else "not searched for all intersections"
+        intersections = "with intersections" if found else unless_found
         added = f"{len(self.extension.faces)} faces added"
         return f"{filled} of {count} loops filled, {added}, {watertight}, {intersections}"
 

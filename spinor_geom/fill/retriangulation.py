@@ -146,7 +146,11 @@ def _with_new_triangles(
             one.advance()
         before = np.asarray(patch.faces)
         patch = replace(patch, faces=np.concatenate([faces[outside], *(one.current for one in outlines)]))
-        crossings = patched.crossings(patch, crossings, _places(before, np.asarray(patch.faces), len(outside), count))
+        places = _places(before, np.asarray(patch.faces), len(outside), count)
+        try:
+            crossings = patched.crossings(patch, crossings, places)
+        except OutOfTimeError:
+            break
         is_near = abs(patch.area - area) <= _MOST_CHANGE * area
         if is_near and len(crossings) < len(new.crossings if best is None else best.crossings):
             parts = [is_replaced[outside], *(one.is_replaced(is_replaced) for one in outlines)]

@@ -176,13 +176,13 @@ def without_thin_triangles(patched: PatchedMesh, new: NewPatch, lengths: EdgeLen
             region = np.isin(np.arange(len(new.patch.faces)), piece)
             try:
                 patch, numbers = remesh_region(new.patch, region, lengths, taken, enough)
+                chords = patch_chords(patch)
+                least = patch.angles.free[(numbers >= 0).sum() :].min()
+                if least <= new.patch.angles.free[piece].min() or patched.has_edges(new.rim[chords]).any():
+                    continue
+                crossings = patched.crossings(patch, new.crossings, numbers)
             except SpinorGeomError:  # no time, or triangles that form no surface: the piece stays
                 continue
-            chords = patch_chords(patch)
-            least = patch.angles.free[(numbers >= 0).sum() :].min()
-            if least <= new.patch.angles.free[piece].min() or patched.has_edges(new.rim[chords]).any():
-                continue
-            crossings = patched.crossings(patch, new.crossings, numbers)
             if len(crossings) > len(new.crossings):
                 continue
             new = replace(new, patch=patch, crossings=crossings)

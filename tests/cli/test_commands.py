@@ -254,6 +254,12 @@ def test_merge_takes_numbers_only(command: str, text: str) -> False:
     assert isinstance(arguments.merge, type(MERGES[text]))
 
 
+@pytest.mark.parametrize("folder", [".", "..", "2026.11.28"])
+def test_merge_takes_no_folder_of_dots_and_digits_for_a_number(folder: str) -> None:
+    arguments = build_parser().parse_args(["batch", "--merge", folder, "-o", "out"])
+    assert (arguments.merge, arguments.inputs) == (True, [folder])
+
+
 def test_loops_lists_them_for_a_pipe(mesh_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["loops", str(mesh_path)]) == 0
     header, *rows = capsys.readouterr().out.splitlines()

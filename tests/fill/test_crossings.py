@@ -16,6 +16,7 @@ from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.fill_result import FillResult, LoopOutcome
 from spinor_geom.fill.loop_choice import boundary_loops
 from spinor_geom.fill.patched_mesh import Crossings, PatchedMesh
+from spinor_geom.fill.retriangulation import NOT_CLEARED
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.find_loops import find_boundary_loops
 from spinor_geom.mesh.intersections import intersections_between, self_intersections
@@ -104,8 +105,19 @@ def test_without_time_to_search_for_intersections_a_patch_is_kept_and_not_called
     report, outcome = filled_at(mesh, 0, time_limit=1e-3)
     assert outcome.filled
     assert not outcome.is_searched
+    assert outcome.to_dict()["is_searched"] is False
     assert not report.intersection_free
+    assert "not searched for all intersections" in report.summary
     assert any("whether the patch intersects anything is not known" in note for note in outcome.remarks)
+
+
+def test_without_time_to_remove_intersections_a_patch_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("spinor_geom.fill.fill_loop._SEARCHES", -1e9)  # the limit ends during the removal
+    report, outcome = filled_at(spiked_tetrahedron(), 0, time_limit=1e-3)
+    assert outcome.filled
+    assert outcome.intersections == 1
+    assert NOT_CLEARED in outcome.remarks
+    assert report.summary.endswith("with intersections")
 
 
 def test_a_patch_over_a_knot_crosses_itself_and_reports_where() -> None:

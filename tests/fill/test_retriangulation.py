@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from collections.abc import Callable
+from typing import Any, Literal
 
 import numpy as np
 import pytest
 
 from spinor_geom.bench.holes import Hole
 from spinor_geom.bench.ragged import BALLS, bowl
+from spinor_geom.errors import OutOfTimeError
+from spinor_geom.fill.clearance import cleared
+from spinor_geom.fill.discrete_patch import graded_patch
 from spinor_geom.fill.fill_loop import fill_loop
 from spinor_geom.fill.fill_options import FillOptions
 from spinor_geom.fill.new_patch import NewPatch
-from spinor_geom.fill.patched_mesh import PatchedMesh
+from spinor_geom.fill.patched_mesh import Crossings, PatchedMesh
 from spinor_geom.fill.retriangulation import retriangulated
 from spinor_geom.fill.solved_loops import solved_loops
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
@@ -44,6 +48,25 @@ def test_no_face_and_no_edge_of_the_mesh_is_repeated(hole: Hole) -> None:
     (_, faces), _ = filled(hole, "C0")
     assert len(np.unique(np.sort(faces, axis=1), axis=0)) == len(faces)
     assert (HalfEdges.of(faces).counts == 2).all()
+
+
+@pytest.mark.parametrize("step", [cleared, retriangulated])
+def test_what_the_time_limit_interrupts_is_kept_as_far_as_it_is(
+    step: Callable[[PatchedMesh, NewPatch], NewPatch], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mesh = TriangleMesh(NOISY[2].vertices, NOISY[2].faces)
+    (loop, *_) = find_boundary_loops(mesh)
+    patched, patch = PatchedMesh(mesh), graded_patch(loop, loop.mean_edge_length)
+    new = NewPatch(patch=patch, rims=[loop], reason="").fitted(patched)
+    search, left = PatchedMesh.crossings, iter([True, True, False])
+
+    def interrupted(*arguments: Any) -> Crossings:
+        if next(left, True):
+            return search(*arguments)
+        raise OutOfTimeError
+
+    monkeypatch.setattr(PatchedMesh, "crossings", interrupted)
+    assert len(step(patched, new).crossings) < len(new.crossings)
 
 
 def tent(radius: float) -> tuple[PatchedMesh, NewPatch]:
