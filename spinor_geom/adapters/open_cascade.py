@@ -252,7 +252,8 @@ def _parts_of_label(
     if not Tool.IsAssembly_s(label):
         for part in outer_parts(Tool.GetShape_s(label)):
             entity = transfer.EntityFromShapeResult(part, 1)
-            own = (entity.Name().ToCString(),) if isinstance(entity, StepRepr_RepresentationItem) else ()
+            name = entity.Name() if isinstance(entity, StepRepr_RepresentationItem) else None
+            own = () if name is None else (name.ToCString(),)  # $ is no name
             yield (*own, *names), part.Moved(place)
 
 

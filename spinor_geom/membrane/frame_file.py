@@ -59,13 +59,15 @@ def read_frame(path: str | os.PathLike[str]) -> list[Edge]:
         raise MeshFileError(f"{os.fspath(path)}: {error}", path=path) from error
 
 
-def edges_of_argument(what: Any) -> list[Edge]:
-    """The edges of a shape of a CAD library, of the kind in its label; anything else is one edge."""
-    shapes = cad_shapes(what)
-    if shapes is None:
-        return [what]
-    names = (str(getattr(what, "label", "")),)
-    return _of_parts((names, part) for shape in shapes for part in outer_parts(shape))
+def edges_of_arguments(what: Iterable[Any]) -> list[Edge]:
+    """Edges, with shapes of a CAD library as edges of the kinds in their labels."""
+    found: list[tuple[tuple[str, ...] | None, Any]] = []
+    for one in what:
+        shapes = cad_shapes(one)
+        names = None if shapes is None else (str(getattr(one, "label", "")),)
+        parts = [one] if shapes is None else [part for shape in shapes for part in outer_parts(shape)]
+        found += [(names, part) for part in parts]
+    return _of_parts(found)
 
 
 def _of_json(content: Any) -> list[Edge]:
@@ -82,11 +84,14 @@ def _of_json(content: Any) -> list[Edge]:
     return found
 
 
-def _of_parts(parts: Iterable[tuple[tuple[str, ...], Any]]) -> list[Edge]:
-    """The edges that faces and edges of CAD describe, each after its names. Rings come last."""
+def _of_parts(parts: Iterable[tuple[tuple[str, ...] | None, Any]]) -> list[Edge]:
+    """The edges that faces and edges of CAD describe, each after its names, and edges, after None. Rings come last."""
     found: list[Edge] = []
     rings: dict[str, tuple[dict[str, Any], list[Any]]] = {}
     for number, (names, part) in enumerate(parts):
+        if names is None:
+            found.append(part)
+            continue
         name = next(filter(_NAME.match, names), "fixed")
         with _at(f"edge {number} ({name!r})"):
             kind, rest = _described(name)

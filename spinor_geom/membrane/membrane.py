@@ -21,7 +21,7 @@ from spinor_geom.gradients.area_hessian import boundary_form, rim_terms
 from spinor_geom.gradients.rim_nodes import RimNodes
 from spinor_geom.membrane.cables import Cable, CableEdge, Edge, Stay
 from spinor_geom.membrane.frame import Frame
-from spinor_geom.membrane.frame_file import edges_of_argument
+from spinor_geom.membrane.frame_file import edges_of_arguments
 from spinor_geom.mesh.curve import ClosedCurve
 from spinor_geom.plateau.options import Model
 from spinor_geom.plateau.route_result import FAILURES
@@ -139,7 +139,7 @@ def solve_membrane(
     """
     require_positive("tolerance", tolerance)
     require_positive("time_limit", time_limit, finite=False)
-    frame, begin = Frame.of([edge for one in edges for edge in edges_of_argument(one)]), perf_counter()
+    frame, begin = Frame.of(edges_of_arguments(edges)), perf_counter()
     if not frame.rings and frame.turns >= np.pi * (len(frame.edges) - 2):
         raise SurfaceError(_collapsed(frame, "its cables would turn by more than its corners leave room for"))
     control, tensions = frame.start, np.array([one.first_tension for one in frame.cables], dtype=np.float64)

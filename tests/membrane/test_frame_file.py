@@ -9,7 +9,7 @@ import pytest
 
 from spinor_geom import Cable, OpenCurve, Ring, Stay, SymmetryPlane, solve_membrane
 from spinor_geom.errors import CadFileError, MeshFileError, OptionError
-from spinor_geom.membrane.frame_file import edges_of_argument, read_frame
+from spinor_geom.membrane.frame_file import edges_of_arguments, read_frame
 
 cad = pytest.importorskip("build123d")
 
@@ -68,7 +68,7 @@ def test_labels_of_cad_shapes_are_kinds_of_edges() -> None:
     ],
 )
 def test_labels_have_kinds_and_numbers(label: str, kind: type, given: dict[str, float]) -> None:
-    (edge,) = edges_of_argument(line(label))
+    (edge,) = edges_of_arguments([line(label)])
     assert type(edge) is kind
     for key, value in given.items():
         assert getattr(edge, key) == value
@@ -76,16 +76,24 @@ def test_labels_have_kinds_and_numbers(label: str, kind: type, given: dict[str, 
 
 def test_closed_edges_are_rings_and_curved_ones_are_sampled() -> None:
     rings = [cad.Edge.make_circle(1), labelled(cad.Wire.make_polygon([(2, 2), (3, 2), (3, 3), (2, 3)]), "ring -0.5")]
-    (circle,), (square,) = map(edges_of_argument, rings)
+    circle, square = edges_of_arguments(rings)
     assert isinstance(circle, Ring)
     assert isinstance(square, Ring)
     np.testing.assert_allclose(np.linalg.norm(circle.points, axis=1), 1, atol=1e-12)
     assert circle.force is None
     assert square.force == -0.5
     assert {(2.0, 2.0, 0.0), (3.0, 3.0, 0.0)} <= set(map(tuple, np.round(square.points, 12).tolist()))
-    (arc,) = edges_of_argument(cad.Edge.make_circle(1, start_angle=10, end_angle=170))
+    (arc,) = edges_of_arguments([cad.Edge.make_circle(1, start_angle=10, end_angle=170)])
     assert isinstance(arc, OpenCurve)
     np.testing.assert_allclose(np.linalg.norm(arc.points, axis=1), 1, atol=1e-12)
+
+
+def test_shapes_given_one_by_one_are_parts_of_one_frame() -> None:
+    corners = [(0, 0, 0), (1, 0, 0), (1, 1, 0)]
+    (ring,) = edges_of_arguments([line("ring", corners[k - 1], corners[k]) for k in range(3)])
+    assert isinstance(ring, Ring)
+    with pytest.raises(OptionError, match=r"edge 1 \('cable two'\)"):
+        edges_of_arguments([np.array(corners), line("cable two")])
 
 
 @pytest.mark.parametrize(
@@ -123,6 +131,8 @@ def test_curves_of_a_step_file_have_names_of_their_own(tmp_path: Path) -> None:
     path = tmp_path / "frame.step"
     cad.export_step(cad.Wire.make_polygon([(0, 0, 0), (1, 0, 0), (1, 1, 0)], close=True), path)
     path.write_text(path.read_text().replace("TRIMMED_CURVE(''", "TRIMMED_CURVE('cable 2'", 2))
+    assert [type(edge) for edge in read_frame(path)] == [Cable, Cable, OpenCurve]
+    path.write_text(path.read_text().replace("TRIMMED_CURVE(''", "TRIMMED_CURVE($"))
     assert [type(edge) for edge in read_frame(path)] == [Cable, Cable, OpenCurve]
 
 
