@@ -42,7 +42,7 @@ class Resolution(NamedTuple):
 
 # The start has few modes: with many, slides far from the solution find values that few poles take for less energy.
 # Afterwards, the boundary is within 2e-4 of a side at corners of 90°, and within 5e-6.
-COARSE, ROUGH, FINE = Resolution(11.0, 6), Resolution(16.6, 14), Resolution(25.0, 20)
+COARSE, ROUGH, FINE = Resolution(11.0, 6), Resolution(16.6, 14), Resolution(25.0, 28)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
