@@ -101,7 +101,7 @@ def test_without_time_to_search_for_intersections_a_patch_is_kept_and_not_called
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     mesh = collar(np.random.default_rng(0).normal(size=(40, 3)), np.array([0, 0, 0.01]))
-    monkeypatch.setattr("spinor_geom.fill.fill_loop._SECONDS_TO_REPORT", -1)
+    monkeypatch.setattr("spinor_geom.fill.fill_loop.LEAST_TIME", -1)
     report, outcome = filled_at(mesh, 0, time_limit=1e-3)
     assert outcome.filled
     assert not outcome.is_searched
