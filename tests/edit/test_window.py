@@ -224,7 +224,6 @@ def display(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
         server.terminate()
 
 
-@pytest.mark.slow
 def test_holes_are_clicked_on_a_display(display: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(window_module, "SIZE", (800, 500))
     person = Person(tmp_path, ball(), off_screen=False)
