@@ -183,7 +183,8 @@ class _Maker:
     def _film(self, solved: SolvedLoop) -> NewPatch:
         """A minimal or discrete surface, or a strip, without intersections that can be avoided."""
         self.options.on_stage(self.index, "mesh")
-        with _until(self.end):
+        # the search for intersections needs time as well
+        with _until(self.end - min(LEAST_TIME, self.options.time_limit / 10)):
             new = self._first_patch(solved)
         self.clock.lap("mesh")
         new, search = self._fitted(new)

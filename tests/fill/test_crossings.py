@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from time import perf_counter
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,8 +13,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from spinor_geom.adapters import read_mesh
+from spinor_geom.deadline import seconds_left
 from spinor_geom.errors import SelfCrossingLoopError
+from spinor_geom.fill import fill_loop, new_patch
 from spinor_geom.fill.fill_hole import fill_hole
+from spinor_geom.fill.fill_options import LEAST_TIME
 from spinor_geom.fill.fill_result import FillResult, LoopOutcome
 from spinor_geom.fill.loop_choice import boundary_loops
 from spinor_geom.fill.patched_mesh import Crossings, PatchedMesh
@@ -109,6 +114,20 @@ def test_without_time_to_search_for_intersections_a_patch_is_kept_and_not_called
     assert not report.intersection_free
     assert "not searched for all intersections" in report.summary
     assert any("whether the patch intersects anything is not known" in note for note in outcome.remarks)
+
+
+def test_the_mesh_of_a_film_leaves_time_for_the_search_for_intersections(monkeypatch: pytest.MonkeyPatch) -> None:
+    left: dict[str, float] = {}
+    for module, name in ((fill_loop, "mesh_over_points"), (new_patch.NewPatch, "fitted")):
+        called = getattr(module, name)
+
+        def noted(*args: Any, called: Any = called, name: str = name) -> Any:
+            left[name] = seconds_left() + perf_counter()
+            return called(*args)
+
+        monkeypatch.setattr(module, name, noted)
+    filled_at(tube(), 0, time_limit=60)
+    assert left["fitted"] - left["mesh_over_points"] == pytest.approx(LEAST_TIME, abs=1e-3)
 
 
 def test_without_time_to_remove_intersections_a_patch_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
