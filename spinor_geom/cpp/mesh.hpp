@@ -19,16 +19,16 @@
 namespace plane {
 
 // a triangle is too large when its circumradius exceeds this times the wanted edge length (equilateral: 1.3 edges)
-constexpr double kLargestRadius = 0.75;
+inline constexpr double kLargestRadius = 0.75;
 // share of that radius, by the mean of the sizes at the vertices, above which the size at the centroid is computed
-constexpr double kDoubtful = 0.8;
+inline constexpr double kDoubtful = 0.8;
 // longest inner edge between two boundary vertices, in wanted edge lengths, and the longest one that cuts off one vertex
-constexpr double kLongestBridge = 1.45, kLongestEar = 1.05;
-constexpr int kBridgeRounds = 3;
-constexpr double kRoundEnough = 0.4;  // smoothing must not reduce the roundness (1: equilateral) of triangles below this
-constexpr int kMoves = 2;  // more do not improve the angles
-constexpr size_t kLookingAround = 16;  // steps of the time limit: all long edges of the boundary may be near a point
-constexpr int kLongestWalk = 64;  // triangles after which a walk to a circumcentre counts as blocked
+inline constexpr double kLongestBridge = 1.45, kLongestEar = 1.05;
+inline constexpr int kBridgeRounds = 3;
+inline constexpr double kRoundEnough = 0.4;  // smoothing must not reduce the roundness (1: equilateral) of triangles below this
+inline constexpr int kMoves = 2;  // more do not improve the angles
+inline constexpr size_t kLookingAround = 16;  // steps of the time limit: all long edges of the boundary may be near a point
+inline constexpr int kLongestWalk = 64;  // triangles after which a walk to a circumcentre counts as blocked
 
 class Mesh : private Triangles {
 public:

@@ -10,12 +10,12 @@
 
 namespace plane {
 
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
-constexpr double kTiny = 1e-290;
+inline constexpr double kInfinity = std::numeric_limits<double>::infinity();
+inline constexpr double kTiny = 1e-290;
 const double kPi = std::acos(-1.0);
-constexpr double kRounding = 1e-13;  // of the determinants, relative to the sums of their terms
+inline constexpr double kRounding = 1e-13;  // of the determinants, relative to the sums of their terms
 
-constexpr size_t kMostPoints = size_t{1} << 28;  // so that the indices of their triangles and neighbours are ints
+inline constexpr size_t kMostPoints = size_t{1} << 28;  // so that the indices of their triangles and neighbours are ints
 
 inline void require_numbers(size_t points) {
     if (points > kMostPoints) throw std::length_error("points");
@@ -34,9 +34,9 @@ inline Point low(Point a, Point b) { return {std::min(a.x, b.x), std::min(a.y, b
 inline Point high(Point a, Point b) { return {std::max(a.x, b.x), std::max(a.y, b.y)}; }
 inline double coordinate(Point a, int k) { return k == 0 ? a.x : a.y; }
 template <class P>
-constexpr int kDimension = 2;
+inline constexpr int kDimension = 2;
 template <class P>
-constexpr P kOrigin = {0, 0};
+inline constexpr P kOrigin = {0, 0};
 
 struct Point3 {
     double x, y, z;
@@ -51,9 +51,9 @@ inline Point3 low(Point3 a, Point3 b) { return {std::min(a.x, b.x), std::min(a.y
 inline Point3 high(Point3 a, Point3 b) { return {std::max(a.x, b.x), std::max(a.y, b.y), std::max(a.z, b.z)}; }
 inline double coordinate(Point3 a, int k) { return k == 0 ? a.x : k == 1 ? a.y : a.z; }
 template <>
-constexpr int kDimension<Point3> = 3;
+inline constexpr int kDimension<Point3> = 3;
 template <>
-constexpr Point3 kOrigin<Point3> = {0, 0, 0};
+inline constexpr Point3 kOrigin<Point3> = {0, 0, 0};
 
 template <class P>
 double length(P a) {

@@ -11,11 +11,11 @@
 
 namespace plane {
 
-constexpr double kRoomAtBoundary = 2;  // least distance of lattice points from boundary vertices, in lattice spacings
-constexpr int kSizeSamples = 100;  // points at which the largest wanted size is searched
-constexpr double kMostRows = 20000;  // of a lattice
-constexpr double kFromTips = 0.75, kFromVertices = 1.2;  // least distances of seeds, in edge lengths
-constexpr double kLeastSpacing = 0.7;  // of seeds, in wanted edge lengths
+inline constexpr double kRoomAtBoundary = 2;  // least distance of lattice points from boundary vertices, in lattice spacings
+inline constexpr int kSizeSamples = 100;  // points at which the largest wanted size is searched
+inline constexpr double kMostRows = 20000;  // of a lattice
+inline constexpr double kFromTips = 0.75, kFromVertices = 1.2;  // least distances of seeds, in edge lengths
+inline constexpr double kLeastSpacing = 0.7;  // of seeds, in wanted edge lengths
 
 // The inner points from which refinement starts: points of a lattice with the largest wanted size as spacing.
 inline std::vector<Point> lattice_points(

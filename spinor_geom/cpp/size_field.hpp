@@ -40,7 +40,7 @@ struct Output {
     int64_t& is_complete;  // 0 if the limit on points or on time ended the refinement
 };
 
-constexpr int kMostNeighbours = 8;
+inline constexpr int kMostNeighbours = 8;
 
 template <class P>
 class SizeFieldOf {

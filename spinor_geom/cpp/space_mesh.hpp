@@ -20,13 +20,13 @@ namespace space {
 
 using namespace plane;
 
-constexpr double kShortest = 0.6, kLongest = 4.0 / 3;  // edges, in wanted lengths
+inline constexpr double kShortest = 0.6, kLongest = 4.0 / 3;  // edges, in wanted lengths
 const double kThin = 10 * kPi / 180, kGood = std::asin(kLeastSine);
-constexpr int kMostRounds = 50, kMostSplits = 30, kFlipsBetween = 2;
-constexpr double kLeastGain = 1e-3;  // of an angle by a flip
-constexpr int kCorrections = 10;  // of a smoothing that turns triangles over
-constexpr double kMostTurned = 0.5;  // cosine of the largest angle by which a triangle may be turned
-constexpr double kMostBent = 0.5;  // cosine of the largest angle by which a flip may bend a flatter pair of triangles
+inline constexpr int kMostRounds = 50, kMostSplits = 30, kFlipsBetween = 2;
+inline constexpr double kLeastGain = 1e-3;  // of an angle by a flip
+inline constexpr int kCorrections = 10;  // of a smoothing that turns triangles over
+inline constexpr double kMostTurned = 0.5;  // cosine of the largest angle by which a triangle may be turned
+inline constexpr double kMostBent = 0.5;  // cosine of the largest angle by which a flip may bend a flatter pair of triangles
 
 // The normal of a triangle, or 0 without area.
 inline Point3 normal(Point3 a, Point3 b, Point3 c) {

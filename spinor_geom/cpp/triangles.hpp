@@ -15,8 +15,8 @@ namespace plane {
 // triangles without smaller angles than 25 degrees are kept. Above 30 the number of points grows quickly
 const double kLeastSine = std::sin(25.0 * kPi / 180);
 // a point of a poor triangle is tried at eight places around it, at these multiples of the length of its edges
-constexpr std::array<double, 6> kPolishing = {0.3, 0.3, 0.15, 0.15, 0.08, 0.08};
-constexpr int kAround = 8;
+inline constexpr std::array<double, 6> kPolishing = {0.3, 0.3, 0.15, 0.15, 0.08, 0.08};
+inline constexpr int kAround = 8;
 
 struct Triangle {
     std::array<int, 3> vertex, across;  // neighbour k lies across the edge from vertex k to the next, and -1 is the boundary
