@@ -67,48 +67,26 @@ public:
     // Whether `accept` holds for any point whose distance from p is less than its radius.
     template <typename Accept>
     bool any_around(P p, Accept accept) const {
-        if (nodes_.empty()) return false;
-        int stack[64], top = 0;
-        stack[top++] = 0;
-        while (top) {
-            const Node& node = nodes_[stack[--top]];
-            if (node.squared_distance(p) > node.radius * node.radius) continue;
-            if (node.left >= 0) {
-                stack[top++] = node.right;
-                stack[top++] = node.left;
-                continue;
-            }
-            for (int k = node.first; k < node.last; ++k) {
-                const int i = order_[k];
-                if (dot(points_[i] - p, points_[i] - p) < radii_[i] * radii_[i] && accept(i)) return true;
-            }
-        }
-        return false;
+        return any_in(
+            [&](const Node& node) { return node.squared_distance(p) <= node.radius * node.radius; },
+            [&](int i) { return dot(points_[i] - p, points_[i] - p) < radii_[i] * radii_[i] && accept(i); });
     }
 
     // Calls a function with the number of each point whose distance from a segment is at most its radius and `slack`.
     template <typename Function>
     void each_along(P start, P along, double slack, TimeLimit& limit, Function function) const {
-        if (nodes_.empty()) return;
         const double squared = dot(along, along);
-        int stack[64], top = 0;
-        stack[top++] = 0;
-        while (top) {
-            const Node& node = nodes_[stack[--top]];
-            limit.require_time();
-            if (!node.meets(start, along, node.radius + slack)) continue;
-            if (node.left >= 0) {
-                stack[top++] = node.right;
-                stack[top++] = node.left;
-                continue;
-            }
-            for (int k = node.first; k < node.last; ++k) {
-                const int i = order_[k];
+        any_in(
+            [&](const Node& node) {
+                limit.require_time();
+                return node.meets(start, along, node.radius + slack);
+            },
+            [&](int i) {
                 const P to = points_[i] - start;
                 const double share = squared > 0 ? std::clamp(dot(to, along) / squared, 0.0, 1.0) : 0.0;
                 if (length(to - share * along) <= radii_[i] + slack) function(i);
-            }
-        }
+                return false;
+            });
     }
 
 private:
@@ -138,6 +116,26 @@ private:
     };
 
     static constexpr int kLeaf = 8;
+
+    // Whether `accept` holds for any point below the nodes that `enter` holds for.
+    template <typename Enter, typename Accept>
+    bool any_in(Enter enter, Accept accept) const {
+        if (nodes_.empty()) return false;
+        int stack[64], top = 0;
+        stack[top++] = 0;
+        while (top) {
+            const Node& node = nodes_[stack[--top]];
+            if (!enter(node)) continue;
+            if (node.left >= 0) {
+                stack[top++] = node.right;
+                stack[top++] = node.left;
+                continue;
+            }
+            for (int k = node.first; k < node.last; ++k)
+                if (accept(order_[k])) return true;
+        }
+        return false;
+    }
 
     int build(int first, int last) {
         const int at = static_cast<int>(nodes_.size());

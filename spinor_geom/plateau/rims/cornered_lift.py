@@ -136,10 +136,9 @@ class CorneredLift:
         is_odd = [not bool(signs_close_up(*spinors_from_phi(self._null_curve[own]))) for own in self.rows[1:]]
         return self.surface.form.circles.centres[1:][is_odd]
 
-    @cached_property
-    def squared_root(self) -> Complex[np.ndarray, " n"]:
-        """The square of the factor of p and q that changes sign, at the nodes."""
-        return np.asarray((self.z[:, None] - self.branches).prod(axis=-1))
+    def squared_root(self, z: Complex[np.ndarray, " _"]) -> Complex[np.ndarray, " _"]:
+        """The square of the factor of p and q that changes sign."""
+        return np.asarray((z[:, None] - self.branches).prod(axis=-1))
 
     def _by_rim(self) -> Complex[np.ndarray, "n m2"]:
         """Values of p and q over the factor that changes sign: columns for each boundary, 0 on the others.
@@ -147,7 +146,7 @@ class CorneredLift:
         Raises:
             SurfaceError: the signs change around a boundary.
         """
-        reduced = self._null_curve / self.squared_root[:, None]
+        reduced = self._null_curve / self.squared_root(self.z)[:, None]
         parts = [np.stack(spinors_from_phi(reduced[own]), axis=-1) for own in self.rows]
         if not all(bool(signs_close_up(*part.T)) for part in parts):
             raise SurfaceError(
@@ -217,7 +216,7 @@ class CorneredLift:
         for _ in range(_CLOSING_STEPS):
             gaps, rows = [], []
             for own in self.rows[1:]:
-                features, step = self.at_nodes[own], (self.steps * self.squared_root)[own, None]
+                features, step = self.at_nodes[own], (self.steps * self.squared_root(self.z))[own, None]
                 values = features @ readout
                 gaps.append((step * phi(*values.T)).sum(axis=0).real)
                 rows.append((2 * (step * values).T @ features).conj())
@@ -327,9 +326,9 @@ class LiftedSurface:
         cls, lift: CorneredLift, readout: Complex[np.ndarray, "f 2"], slides: Float[np.ndarray, " n"]
     ) -> LiftedSurface:
         """The surface with the best constant, and the points of Γ closest to its boundary, near given ones."""
-        null_curve = phi(*(lift.at_nodes @ readout).T) * lift.squared_root[:, None]
+        null_curve = phi(*(lift.at_nodes @ readout).T) * lift.squared_root(lift.z)[:, None]
         on_paths = [
-            phi(*(features @ readout).T) * (z[:, None] - lift.branches).prod(axis=-1)[:, None]
+            phi(*(features @ readout).T) * lift.squared_root(z)[:, None]
             for (z, _), features in zip(lift.paths, lift.on_paths, strict=True)
         ]
         r = lift.integrated(null_curve, on_paths).real

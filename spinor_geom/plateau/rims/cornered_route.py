@@ -16,6 +16,7 @@ from jaxtyping import Complex, Float
 from spinor_geom.arrays import EPS, NUMPY, to_numpy, unit
 from spinor_geom.domain.plane_domain import panel_breaks
 from spinor_geom.errors import OutOfTimeError, SurfaceError
+from spinor_geom.holomorphic.cauchy import sign_changing
 from spinor_geom.holomorphic.circular_domain import CircularDomain, centring, turned
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.curve_tensors import CurveTensors
@@ -232,7 +233,7 @@ def _fitted(problem: PlateauProblem, found: LiftedSurface) -> Fitted:
         branches=tuple(lift.branches.tolist()),
     )
     z = stage.panels.z
-    spinors = (lift.features(z) @ found.readout) * np.sqrt(z[:, None] - lift.branches).prod(axis=-1)[:, None]
+    spinors = (lift.features(z) @ found.readout) * sign_changing(z, lift.branches)[:, None]
     pairs = zip(found.matchings, stage.panels.own_parameters, strict=True)
     slide = np.concatenate([interpolate_matching(matching, t) for matching, t in pairs])
     return solver.brought_nearer(solver.lifted(stage, stage.readout_of(place.put(spinors)), place.put(slide)))
