@@ -128,7 +128,7 @@ def nearest_surface(routes: Sequence[Route], problem: PlateauProblem) -> RouteRe
         OutOfTimeError: no surface was found within the time limit.
         DomainError, FirstFillError, SingularMatrixError, SurfaceError: no route finds a surface. It is the
             first SurfaceError, or else the error of the last route.
-        NoConnectedSurfaceError: a route shows that there is no surface.
+        NoConnectedSurfaceError: a route shows that there is no surface, and those before it found none.
     """
     best: RouteResult | None = None
     error: SpinorGeomError | None = None
@@ -146,6 +146,10 @@ def nearest_surface(routes: Sequence[Route], problem: PlateauProblem) -> RouteRe
                 )
         except OutOfTimeError:
             break
+        except NoConnectedSurfaceError:
+            if best is None:
+                raise
+            continue
         except FAILURES as failure:
             # a SurfaceError is more specific than the others
             error = error if isinstance(error, SurfaceError) else failure

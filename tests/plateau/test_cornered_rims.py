@@ -7,14 +7,26 @@ import pytest
 
 from spinor_geom import mesh_patch, solve_plateau
 from spinor_geom.arrays import NUMPY
+from spinor_geom.errors import (
+    DomainError,
+    FirstFillError,
+    OutOfTimeError,
+    SingularMatrixError,
+    SurfaceError,
+    UnresolvedRimsError,
+)
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau import NoConnectedSurface
 from spinor_geom.plateau.curve_tensors import CurveTensors
+from spinor_geom.plateau.options import Options
+from spinor_geom.plateau.problem import PlateauProblem
+from spinor_geom.plateau.rims import cornered_route
 from spinor_geom.plateau.rims.circles import Circles
 from spinor_geom.plateau.rims.cornered import CorneredSurface, CornerForm
 from spinor_geom.plateau.rims.cornered_newton import stationary
-from spinor_geom.plateau.rims.sides import ROUGH, CorneredRims
+from spinor_geom.plateau.rims.rims_route import RimsSolver
+from spinor_geom.plateau.rims.sides import FINE, ROUGH, CorneredRims
 from spinor_geom.plateau.steps import Steps
 from tests.plateau.rims import polygon, ring, sampled
 
@@ -82,6 +94,38 @@ def test_roofs_over_masts(height):
     assert solution.area == pytest.approx(ROOFS[height], rel=1e-6)
     assert solution.boundary_residual.rms_per_edge < 1e-4
     assert solution.stability.verdict == "stable"
+
+
+@pytest.mark.parametrize("fits", [True, False])
+@pytest.mark.parametrize(
+    ("error", "reason"),
+    [
+        (OutOfTimeError(), "limit on steps or on time"),
+        (DomainError("Ω crosses itself"), "Ω crosses itself"),
+        (FirstFillError("no fill"), "no fill"),
+        (SingularMatrixError(size=3), "singular"),
+        (SurfaceError("branched"), "branched"),
+        (UnresolvedRimsError(rims=2, failure="does not converge"), "does not converge"),
+        (np.linalg.LinAlgError("not positive definite"), "not positive definite"),
+    ],
+    ids=lambda value: type(value).__name__,
+)
+def test_the_surface_before_a_finer_one_that_fails_is_kept(monkeypatch, fits, error, reason):
+    def fail(*_):
+        raise error
+
+    solve = cornered_route.stationary
+    monkeypatch.setattr(
+        cornered_route,
+        "stationary",
+        lambda start, *rest: (fail if start.form.rims.resolution == FINE else solve)(start, *rest),
+    )
+    monkeypatch.setattr(cornered_route, "_fitted", (lambda _, found: found) if fits else fail)
+    problem = PlateauProblem.of([polygon(10 * SQUARE, 8), sampled(ring(2.5, 2.0), 32)], Options(tolerance=1e-12))
+    solution = problem.solution(RimsSolver(problem=problem).on_own_nodes())
+    assert 1e-12 < solution.boundary_residual.rms_per_edge < 1e-3
+    assert not solution.converged
+    assert reason in solution.reason
 
 
 def test_a_roof_keeps_its_corners():

@@ -144,7 +144,9 @@ def test_after_a_route_that_fails_the_next_one_is_run(failure):
     assert tuple(steps) == problem.solution(disk).history
 
 
-@pytest.mark.parametrize("failure", FAILURES, ids=lambda error: type(error).__name__)
+@pytest.mark.parametrize(
+    "failure", [*FAILURES, NoConnectedSurfaceError("collapsed")], ids=lambda error: type(error).__name__
+)
 def test_a_poor_disk_is_kept_if_the_next_route_fails(failure):
     problem = problem_of(SMOOTH)
     assert nearest_surface((Fake(MET, farther=1e9), Fake(failure)), problem).surface_at is MET.surface_at

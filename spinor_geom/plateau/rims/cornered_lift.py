@@ -18,7 +18,7 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import zpstrf
 
-from spinor_geom.arrays import NUMPY, Place, cis, norm, square
+from spinor_geom.arrays import EPS, NUMPY, Place, cis, norm, square
 from spinor_geom.domain.plane_domain import TOWARDS_CORNER, PlaneDomain, SplineBoundary, panel_breaks
 from spinor_geom.domain.quadrature import Panels, path_to
 from spinor_geom.errors import SurfaceError
@@ -307,6 +307,7 @@ class CorneredLift:
         for k, number in enumerate(numbers):
             side, here = rims.sides[number], own == k
             shares = np.stack([t[here] - starts[k], starts[k + 1] - t[here]]) / (starts[k + 1] - starts[k])
+            shares = np.maximum(shares, EPS)  # a node may equal the corner up to rounding errors
             coefficients = self.surface.slides[rims.columns[number]]
             slide[here] = side.slide(side.base(shares) + side.modes(shares) @ coefficients)[0]
         return slide

@@ -6,7 +6,8 @@ The start is a harmonic surface with rounded corners. `stationary` finds the har
 
 from __future__ import annotations
 
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -15,7 +16,7 @@ from jaxtyping import Complex, Float
 
 from spinor_geom.arrays import EPS, NUMPY, to_numpy, unit
 from spinor_geom.domain.plane_domain import panel_breaks
-from spinor_geom.errors import OutOfTimeError, SurfaceError
+from spinor_geom.errors import OutOfTimeError
 from spinor_geom.holomorphic.cauchy import sign_changing
 from spinor_geom.holomorphic.circular_domain import CircularDomain, centring, turned
 from spinor_geom.mesh.curve import BoundaryCurve
@@ -30,7 +31,8 @@ from spinor_geom.plateau.rims.cornered_lift import CorneredLift, LiftedSurface
 from spinor_geom.plateau.rims.cornered_newton import ROUGHLY, stationary
 from spinor_geom.plateau.rims.sides import COARSE, FINE, ROUGH, CorneredRims, Side
 from spinor_geom.plateau.rims.starts import OrientedSurface
-from spinor_geom.plateau.route_result import RimsResult, RouteResult
+from spinor_geom.plateau.route_result import FAILURES, RimsResult, RouteResult, typed_failures
+from spinor_geom.plateau.steps import SPENT
 
 _FREQUENCIES = 10, 96  # least and largest number of frequencies of a rim without corners
 _SPECTRUM = 1e-7  # share of the amplitude of Γ above the frequencies of the slide, which has half of them
@@ -60,13 +62,42 @@ def solve_with_corners(problem: PlateauProblem, oriented: OrientedSurface) -> Ro
             exponents = np.where(turned.defects_at_corners() < defects, other, exponents)
             surface = turned
         surface = stationary(surface.refitted(exponents, ROUGH), problem.steps)
-    found = _lifted(problem, start, surface)
+    found, limits = _lifted(problem, start, surface), ["more poles at the corners do not reduce the residual further"]
     if problem.excess(found.misfit) > 1:
-        with suppress(OutOfTimeError, SurfaceError):  # a finer surface that fails is not used
+        with _improvement(limits):
             with problem.clock.stage("slides"):
                 surface = stationary(surface.refitted(surface.form.rims.exponents, FINE), problem.steps)
             found = min(found, _lifted(problem, start, surface), key=lambda one: one.misfit.rms)
-    return _result(problem, found, oriented)
+    if problem.excess(found.misfit) > 1:
+        with _improvement(limits):
+            fitted = _fitted(problem, found)
+            if fitted.misfit.rms < found.misfit.rms:
+                rims_result = _rims_result(found, oriented, period=0.0)  # of the surface before the fit
+                return NetworkSolver(problem=problem).result(fitted, start.curves, "network on circles", rims_result)
+    surface_found = found.surface(problem.options.place)
+    return RouteResult(
+        curves=start.curves,
+        domain=surface_found.domain,
+        surface_at=surface_found.placed,
+        matchings=found.matchings,
+        misfit=found.misfit,
+        area=found.lift.surface.energy,
+        route="network on circles",
+        limit=limits[-1],
+        rims_result=_rims_result(found, oriented, period=surface_found.largest_period()),
+    )
+
+
+@contextmanager
+def _improvement(limits: list[str]) -> Iterator[None]:
+    """Adds the reason, as the end of a sentence, if a `with` block fails, so that the surface before it is kept."""
+    try:
+        with typed_failures():
+            yield
+    except OutOfTimeError:
+        limits.append(SPENT)
+    except FAILURES as failure:
+        limits.append(f"finer surfaces fail: {failure}")
 
 
 def _lifted(problem: PlateauProblem, start: _Start, surface: CorneredSurface) -> LiftedSurface:
@@ -191,31 +222,14 @@ def _unwrapped(z: Complex[np.ndarray, "m n"], centres: Complex[np.ndarray, " m"]
     return np.unwrap(signs[:, None] * np.angle(z - centres[:, None]), axis=1)
 
 
-def _result(problem: PlateauProblem, found: LiftedSurface, oriented: OrientedSurface) -> RouteResult:
-    form, surface = found.lift.surface.form, found.surface(problem.options.place)
-    rims_result = RimsResult(
+def _rims_result(found: LiftedSurface, oriented: OrientedSurface, *, period: float) -> RimsResult:
+    form = found.lift.surface.form
+    return RimsResult(
         order=tuple(rim.number for rim in oriented.rims),
         backward=oriented.backward,
         modulus=mean_modulus(_normalised(form)),
         antiperiodic=tuple(np.isin(form.circles.centres[1:], found.lift.branches).tolist()),
-        period=surface.largest_period(),
-    )
-    if problem.excess(found.misfit) > 1:
-        with suppress(OutOfTimeError):
-            fitted = _fitted(problem, found)
-            if fitted.misfit.rms < found.misfit.rms:
-                solver = NetworkSolver(problem=problem)
-                return solver.result(fitted, found.lift.curves, "network on circles", rims_result)
-    return RouteResult(
-        curves=found.lift.curves,
-        domain=surface.domain,
-        surface_at=surface.placed,
-        matchings=found.matchings,
-        misfit=found.misfit,
-        area=found.lift.surface.energy,
-        route="network on circles",
-        limit="more poles at the corners do not reduce the residual further",
-        rims_result=rims_result,
+        period=period,
     )
 
 
