@@ -4,7 +4,9 @@ import os
 import shutil
 import sys
 import zlib
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 from setuptools import Extension, setup
 from setuptools.command.build_ext import build_ext
@@ -18,6 +20,18 @@ class BuildKernel(build_ext):
         self.force = True  # the times of files do not say whether the sources are those of the last compilation
         super().run()
         self.copy_extensions_to_source()
+
+    def build_extensions(self) -> None:
+        """Compiles the files at the same time."""
+        compile_files = self.compiler.compile
+
+        def compile_at_once(sources: list[str], **options: Any) -> list[str]:
+            with ThreadPoolExecutor(os.cpu_count()) as threads:
+                made = threads.map(lambda source: compile_files([source], **options), sources)
+                return [one for files in made for one in files]
+
+        self.compiler.compile = compile_at_once
+        super().build_extensions()
 
     def get_export_symbols(self, ext: Extension) -> list[str]:
         """None: the sources mark the functions of a DLL on Windows."""

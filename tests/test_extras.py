@@ -46,6 +46,7 @@ for continuity in ("C0", "C1"):
 spinor_geom.report(report, "report.html")
 filled.write("filled.ply")
 assert report.complete
+assert spinor_geom.batch(mesh, "results", workers=1).progress.files_failed == 0
 curve = gallery.twisted_circle()
 solution = spinor_geom.solve_plateau(curve.sample(64))
 surface, z = solution.array_surface, np.array([0.1, 0.2j])

@@ -445,5 +445,5 @@ def known_suffix(path: Path) -> str:
         problem = f"'{path.suffix}' is not a supported format"
         raise MeshFileError(f"{path}: {problem}; use one of {', '.join(FORMATS)}", path=path, place="")
     for package in FORMATS[suffix].packages:
-        require(package, extra="formats")
+        require(package, extra="render")
     return suffix

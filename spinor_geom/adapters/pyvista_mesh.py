@@ -132,10 +132,9 @@ def set_array(data: Any, name: str, values: np.ndarray) -> None:
     if values.dtype.kind != "U":
         data.set_array(values, name)
         return
-    from vtkmodules.vtkCommonCore import vtkStringArray
+    from pyvista import convert_string_array
 
-    texts = vtkStringArray()
-    texts.SetName(name)
+    texts = convert_string_array(np.empty(0, "U1"), name)
     texts.SetNumberOfComponents(values.size // max(len(values), 1))
     for text in values.ravel().tolist():
         texts.InsertNextValue(text)

@@ -45,7 +45,7 @@ _CURES = {
     ".PointCloud": "points have no holes: reconstruct faces first, or pass points of a closed curve to solve_plateau",
     "pyvista.MultiBlock": "give its surface, mesh.combine().extract_surface(), or one of its blocks",
     "pyvista.": "give its surface, mesh.extract_surface()",
-    "vtkmodules.": "give pyvista.wrap(mesh), with .extract_surface() if it is no vtkPolyData",
+    ".vtk": "give pyvista.wrap(mesh), with .extract_surface() if it is no vtkPolyData",
     "of 2 (list, list)": "give arrays: (numpy.asarray(vertices), numpy.asarray(faces))",
     "of 2 (tuple, tuple)": "give arrays: (numpy.asarray(vertices), numpy.asarray(faces))",
 }

@@ -11,6 +11,7 @@ import re
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
+from importlib import import_module
 from itertools import accumulate, pairwise
 from typing import Any, Literal
 from xml.etree import ElementTree
@@ -237,12 +238,12 @@ class _Arrays:
 
 
 def _unpacked_lz4(block: bytes, length: int) -> bytes:
-    from pyvista import convert_array, vtk_verbosity
-    from vtkmodules.vtkIOCore import vtkLZ4DataCompressor
+    import pyvista
 
-    with vtk_verbosity("off"):
-        found = vtkLZ4DataCompressor().Uncompress(block, len(block), length)
-    return b"" if found is None else bytes(convert_array(found))
+    build = "vtkmodules" if pyvista.vtk_backend() == "vtk" else pyvista.vtk_backend()
+    with pyvista.vtk_verbosity("off"):
+        found = import_module(f"{build}.vtkIOCore").vtkLZ4DataCompressor().Uncompress(block, len(block), length)
+    return b"" if found is None else bytes(pyvista.convert_array(found))
 
 
 @dataclass(frozen=True)

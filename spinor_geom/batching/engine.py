@@ -162,11 +162,9 @@ def batch(
         OptionError: an option has a value that is not allowed.
         BatchError: an input does not exist or holds no mesh files, the output folder belongs to another run or cannot
             be written to, or the scheduler cannot be reached.
-        MissingPackageError: the packages of the extra `batch` are not installed, for a cluster those of `cluster`, or
-            for pictures those of `render`.
+        MissingPackageError: for a cluster the packages of the extra `cluster` are not installed, or for pictures those
+            of `render`.
     """
-    for package in ("filelock", "psutil"):
-        require(package, extra="batch")
     if scheduler is not None:
         require("distributed", extra="cluster")
     if pictures:

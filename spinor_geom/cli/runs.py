@@ -78,8 +78,8 @@ def _bench(arguments: argparse.Namespace) -> ExitStatus:
 
 
 def _reproduce(arguments: argparse.Namespace) -> ExitStatus:
-    for package in ("matplotlib", "markdown_it", "pyvista", "torch"):
-        require(package, extra="experiments")
+    require("pyvista", extra="render")
+    require("torch", extra="torch")
     from spinor_geom.experiments.experiment import PAGE, QUICK, reproduce
 
     names = arguments.names or tuple(NAMES)

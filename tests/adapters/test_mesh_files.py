@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 import pyvista
 import trimesh
@@ -176,7 +177,6 @@ def test_extensions_that_do_not_fit_are_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("suffix", FORMATS)
 def test_a_file_that_was_read_is_closed_so_that_windows_lets_it_be_replaced(suffix: str, tmp_path: Path) -> None:
-    psutil = pytest.importorskip("psutil", reason="the extra 'batch' is not installed")
     path = cube_file(tmp_path, suffix)
     file = read_mesh(path)
     maps = Path("/proc/self/maps")  # where the system tells

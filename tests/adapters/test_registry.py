@@ -3,6 +3,7 @@ from __future__ import annotations
 import subprocess
 import sys
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,6 @@ import pytest
 import pyvista
 import torch
 import trimesh
-from vtkmodules.vtkCommonDataModel import vtkPolyData
 
 from spinor_geom.adapters import extend, known_types, register, to_mesh
 from spinor_geom.errors import UnknownMeshTypeError
@@ -46,7 +46,7 @@ def test_unknown_type_error_lists_the_known_ones(thing: object, message: str) ->
         (pyvista.MultiBlock([pyvista.Sphere()]), r"combine\(\).extract_surface\(\)"),
         (pyvista.ImageData(dimensions=(3, 3, 3)), r"mesh.extract_surface\(\)"),
         (pyvista.StructuredGrid(), r"mesh.extract_surface\(\)"),
-        (vtkPolyData(), r"pyvista.wrap\(mesh\)"),
+        (import_module(pyvista.vtk_backend()).vtkPolyData(), r"pyvista.wrap\(mesh\)"),
         (tuple(array.tolist() for array in open_cube()), "numpy.asarray"),
         (trimesh.PointCloud(np.eye(3)), "reconstruct faces first"),
     ],

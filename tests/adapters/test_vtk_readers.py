@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import struct
 import zlib
+from importlib import import_module
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -12,14 +13,14 @@ from typing import Any
 import numpy as np
 import pytest
 import pyvista
-from vtkmodules.vtkIOLegacy import vtkPolyDataWriter, vtkUnstructuredGridWriter
-from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
 
 from spinor_geom.adapters import read_mesh
 from spinor_geom.adapters.pyvista_mesh import set_array
 from spinor_geom.adapters.vtk_legacy import read_legacy
 from spinor_geom.adapters.vtk_xml import read_xml
 from spinor_geom.errors import MeshFileError
+
+VTK = import_module(pyvista.vtk_backend())
 
 
 def with_all_data(mesh: Any) -> Any:
@@ -68,7 +69,7 @@ def assert_equal(mesh: Any, wanted: Any) -> None:
 def test_legacy_files_are_read_as_by_vtk(
     tmp_path: Path, polygons: pyvista.PolyData, version: int, is_binary: bool, is_grid: bool
 ) -> None:
-    writer: Any = vtkUnstructuredGridWriter() if is_grid else vtkPolyDataWriter()
+    writer: Any = VTK.vtkUnstructuredGridWriter() if is_grid else VTK.vtkPolyDataWriter()
     writer.SetInputData(polygons.cast_to_unstructured_grid() if is_grid else polygons)
     writer.SetFileVersion(version)
     writer.SetFileType(2 if is_binary else 1)
@@ -82,7 +83,7 @@ def test_legacy_files_are_read_as_by_vtk(
 def test_xml_files_are_read_as_by_vtk(tmp_path: Path, polygons: pyvista.PolyData, mode: str, compressor: str) -> None:
     path = tmp_path / "mesh.vtp"
     for order, head, pieces in (("Big", 32, 1), ("Little", 64, 3)):
-        writer: Any = vtkXMLPolyDataWriter()
+        writer: Any = VTK.vtkXMLPolyDataWriter()
         mesh = polygons.copy()
         if pieces > 1:  # of which VTK does not sort texts by kind of cell
             del mesh.cell_data["text"]

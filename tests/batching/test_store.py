@@ -11,8 +11,6 @@ from spinor_geom.batching.settings import BatchOptions
 from spinor_geom.batching.store import Store, failure, opened_store
 from spinor_geom.errors import BatchError
 
-filelock = pytest.importorskip("filelock", reason="the extra 'batch' is not installed")
-
 
 def opened(folder: Path) -> Store:
     with opened_store(folder, BatchOptions(), resume=False) as store:
