@@ -17,8 +17,7 @@ import numpy as np
 
 from spinor_geom.adapters import MeshFile, read_mesh
 from spinor_geom.errors import SpinorGeomError
-from spinor_geom.mesh.triangle_mesh import MeshExtension
-from tests.adapters.shapes import glb_file, open_cube
+from tests.adapters.shapes import extension, glb_file, glb_of_text, glb_with, open_cube
 
 MEMORY = 400 << 20  # bytes beyond what the imports take
 
@@ -270,16 +269,11 @@ JSON_SIZE = struct.unpack_from("<I", GLB, 12)[0]
 
 
 def glb(change: Callable[[dict], object], data: bytes = GLB) -> bytes:
-    """A GLB file with its JSON changed in place."""
-    size = struct.unpack_from("<I", data, 12)[0]
-    tree = json.loads(data[20 : 20 + size])
-    change(tree)
-    return with_text(json.dumps(tree), data[20 + size :])
+    return glb_with(change, data)
 
 
 def with_text(text: str, rest: bytes = GLB[20 + JSON_SIZE :]) -> bytes:
-    text += " " * (-len(text) % 4)
-    return struct.pack("<4sIIII", b"glTF", 2, 20 + len(text) + len(rest), len(text), 0x4E4F534A) + text.encode() + rest
+    return glb_of_text(text, rest)
 
 
 def primitive(tree: dict) -> dict:
@@ -455,15 +449,8 @@ def tried(path: Path) -> dict[str, Any]:
 
 
 def with_a_triangle(file: MeshFile) -> MeshFile:
-    count = len(file.mesh.vertices)
-    return file.extended(
-        MeshExtension(
-            vertices=file.mesh.vertices[:1] + 1.0,
-            faces=np.array([[0, 1, count]]),
-            face_loops=np.array([0]),
-            vertex_attributes={name: values[:1] for name, values in file.mesh.vertex_attributes.items()},
-        )
-    )
+    rows = {name: values[:1] for name, values in file.mesh.vertex_attributes.items()}
+    return file.extended(extension(file.mesh.vertices[:1] + 1.0, [0, 1, len(file.mesh.vertices)], **rows))
 
 
 def limit_memory() -> None:

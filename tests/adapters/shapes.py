@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import json
+import struct
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from hypothesis import strategies as st
+from numpy.typing import ArrayLike
 
 from spinor_geom.adapters import MeshFile, read_mesh
 from spinor_geom.adapters.contents import FileContents
@@ -28,14 +32,24 @@ def open_cube(dtype: type = np.float64) -> tuple[np.ndarray, np.ndarray]:
     return CUBE_POINTS.astype(dtype), np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
 
 
-def lid(**attributes: np.ndarray) -> MeshExtension:
-    """Four triangles around a new vertex that close the open cube."""
+def quad_lines(corner: str = "{0}") -> str:
+    """The open cube's quads as lines of an OBJ file; `corner` is the pattern of a corner with the index i."""
+    return "".join("f " + " ".join(corner.format(i) for i in quad) + "\n" for quad in (CUBE_QUADS[:-1] + 1).tolist())
+
+
+def extension(vertices: ArrayLike, faces: ArrayLike, **attributes: np.ndarray) -> MeshExtension:
+    """New vertices, any number of them, and new faces of one loop."""
     return MeshExtension(
-        vertices=np.array([[0.5, 0.5, 1.0 + 1 / 3]]),
-        faces=np.array([[1, 5, 8], [5, 7, 8], [7, 3, 8], [3, 1, 8]]),
-        face_loops=np.zeros(4, dtype=np.int64),
+        vertices=np.reshape(vertices, (-1, 3)),
+        faces=np.reshape(faces, (-1, 3)),
+        face_loops=np.zeros(np.size(faces) // 3, dtype=np.int64),
         vertex_attributes=attributes,
     )
+
+
+def lid(**attributes: np.ndarray) -> MeshExtension:
+    """Four triangles around a new vertex that close the open cube."""
+    return extension([[0.5, 0.5, 1.0 + 1 / 3]], [[1, 5, 8], [5, 7, 8], [7, 3, 8], [3, 1, 8]], **attributes)
 
 
 def lid_for(mesh: TriangleMesh) -> MeshExtension:
@@ -44,9 +58,7 @@ def lid_for(mesh: TriangleMesh) -> MeshExtension:
 
 
 def nothing() -> MeshExtension:
-    return MeshExtension(
-        vertices=np.zeros((0, 3)), faces=np.zeros((0, 3), dtype=np.int64), face_loops=np.zeros(0, dtype=np.int64)
-    )
+    return extension([], np.zeros((0, 3), dtype=np.int64))
 
 
 def reading(
@@ -88,14 +100,28 @@ def extensions(draw: st.DrawFn, mesh: TriangleMesh) -> MeshExtension:
     new = draw(st.integers(0, 4))
     faces = [np.array([old + k, *random.permutation(old)[:2]]) for k in range(new)]
     faces += [random.permutation(old)[:3] for _ in range(draw(st.integers(0, 3)))]
-    return MeshExtension(
-        vertices=random.normal(size=(new, 3)),
-        faces=np.array(faces, dtype=np.int64).reshape(-1, 3),
-        face_loops=np.zeros(len(faces), dtype=np.int64),
-        vertex_attributes={
-            name: values[random.integers(0, old, size=new)] for name, values in mesh.vertex_attributes.items()
-        },
-    )
+    vertices, rows = random.normal(size=(new, 3)), mesh.vertex_attributes.items()
+    attributes = {name: values[random.integers(0, old, size=new)] for name, values in rows}
+    return extension(vertices, np.array(faces, dtype=np.int64), **attributes)
+
+
+def glb_tree(data: bytes) -> dict[str, Any]:
+    """The JSON of a GLB file."""
+    tree: dict[str, Any] = json.loads(data[20 : 20 + struct.unpack_from("<I", data, 12)[0]])
+    return tree
+
+
+def glb_with(change: Callable[[dict[str, Any]], object], data: bytes) -> bytes:
+    """A GLB file with its JSON changed in place."""
+    tree = glb_tree(data)
+    change(tree)
+    return glb_of_text(json.dumps(tree), data[20 + struct.unpack_from("<I", data, 12)[0] :])
+
+
+def glb_of_text(text: str, rest: bytes) -> bytes:
+    """A GLB file of a text in place of its JSON, and of the chunks that follow it."""
+    text += " " * (-len(text) % 4)
+    return struct.pack("<4sIIII", b"glTF", 2, 20 + len(text) + len(rest), len(text), 0x4E4F534A) + text.encode() + rest
 
 
 def glb_file(primitives: list[dict[str, np.ndarray]], **tree: object) -> bytes:

@@ -9,8 +9,8 @@ import torch
 
 from spinor_geom.adapters import extend, to_mesh
 from spinor_geom.errors import MeshShapeError
-from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
-from tests.adapters.shapes import lid, nothing, open_cube
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from tests.adapters.shapes import extension, lid, nothing, open_cube
 
 
 @pytest.mark.parametrize("of", [np.asarray, torch.from_numpy])
@@ -22,7 +22,7 @@ def test_integer_positions_and_narrow_indices_are_widened(of: Callable[..., Any]
     assert grown[-1, 2] == 1 + 1 / 3
     # 126 vertices: int8 holds indices to 127
     many, few = np.tile(np.eye(3), (42, 1)), np.array([[0, 1, 2]], dtype=np.int8)
-    one = MeshExtension(vertices=np.eye(3), faces=[[126, 127, 128]], face_loops=[0])
+    one = extension(np.eye(3), [126, 127, 128])
     assert extend((of(many), of(few)), one)[1].tolist() == [[0, 1, 2], [126, 127, 128]]
 
 

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import json
 import struct
 from pathlib import Path
 
@@ -18,7 +17,17 @@ from spinor_geom.adapters.mesh_files import write_triangles
 from spinor_geom.mesh.topology import boundary_edges
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
 from spinor_geom.render.fill_scene import skin_of
-from tests.adapters.shapes import extensions, glb_file, is_closed, lid, open_cube, reading
+from tests.adapters.shapes import (
+    extension,
+    extensions,
+    glb_file,
+    glb_tree,
+    glb_with,
+    is_closed,
+    lid,
+    open_cube,
+    reading,
+)
 
 parsed, again = reading(read_glb, ".glb")
 
@@ -32,21 +41,6 @@ def pieces(data: bytes) -> list[glb.PlacedPrimitive]:
     return glb.scene_pieces(GlbContainer.read(data))
 
 
-def tree_of(data: bytes) -> dict:
-    return json.loads(data[20 : 20 + struct.unpack_from("<I", data, 12)[0]])
-
-
-def with_tree(data: bytes, change: object) -> bytes:
-    """A GLB file with its JSON changed in place by a function."""
-    length = struct.unpack_from("<I", data, 12)[0]
-    tree = tree_of(data)
-    change(tree)
-    text = json.dumps(tree).encode()
-    text += b" " * (-len(text) % 4)
-    rest = data[20 + length :]
-    return struct.pack("<4sIIII", b"glTF", 2, 20 + len(text) + len(rest), len(text), 0x4E4F534A) + text + rest
-
-
 def unwelded() -> dict[str, np.ndarray]:
     """The cube with separate vertices and normals for each side, as for rendering."""
     corners = VERTICES[FACES].reshape(-1, 3)
@@ -54,17 +48,14 @@ def unwelded() -> dict[str, np.ndarray]:
     return {"POSITION": corners, "NORMAL": np.repeat(sides, 3, axis=0).astype(np.float32)}
 
 
-def lid_over(mesh: TriangleMesh, lift: float = 1 / 3) -> object:
+def lid_over(mesh: TriangleMesh, lift: float = 1 / 3) -> MeshExtension:
     """A lid for the cube wherever its corners are numbered in a mesh: over its open edges."""
     edges = boundary_edges(mesh.faces)
     rim = mesh.vertices[edges[:, 0]]
     up = rim.mean(axis=0) + lift * (rim.mean(axis=0) - mesh.vertices.mean(axis=0))
-    new = np.full((len(edges), 1), len(mesh.vertices))
-    return type(lid())(
-        vertices=up[None],
-        faces=np.hstack([edges[:, ::-1], new]),
-        face_loops=np.zeros(len(edges), dtype=np.int64),
-        vertex_attributes={name: values.mean(axis=0, keepdims=True) for name, values in mesh.vertex_attributes.items()},
+    faces = np.hstack([edges[:, ::-1], np.full((len(edges), 1), len(mesh.vertices))])
+    return extension(
+        up, faces, **{name: rows.mean(axis=0, keepdims=True) for name, rows in mesh.vertex_attributes.items()}
     )
 
 
@@ -114,13 +105,13 @@ def test_lid_closes_the_cube_in_trimesh_s_eyes_too(tmp_path: Path) -> None:
     theirs = trimesh.load_mesh(tmp_path / "again.glb", process=False)
     theirs.merge_vertices()  # the patch has its own copies of the rim's
     assert theirs.is_watertight
-    tree = tree_of((tmp_path / "again.glb").read_bytes())
+    tree = glb_tree((tmp_path / "again.glb").read_bytes())
     own, patch = tree["meshes"][0]["primitives"]
     accessor = tree["accessors"][patch["attributes"]["POSITION"]]
     assert accessor["min"] == [0, 0, 1]
     assert accessor["max"] == [1, 1, pytest.approx(4 / 3)]
     assert {**own, **patch} == patch
-    assert tree["accessors"][:2] == tree_of(glb_file([CUBE]))["accessors"]
+    assert tree["accessors"][:2] == glb_tree(glb_file([CUBE]))["accessors"]
 
 
 @pytest.mark.parametrize("transform", [{}, {"scale": [1, 3, 0.1], "translation": [1, 2, 0.3]}])
@@ -154,11 +145,11 @@ def test_transformed_nodes_are_read_in_scene_coordinates_and_written_in_their_ow
     turn = np.array([[0.5, -np.sqrt(0.75), 0], [np.sqrt(0.75), 0.5, 0], [0, 0, 1]])
     assert np.allclose(file.mesh.vertices, 2 * unwelded()["POSITION"] @ turn.T + [10, 0, 0], atol=1e-14)
     assert np.allclose(file.mesh.vertex_attributes["normal"], unwelded()["NORMAL"] @ turn.T, atol=1e-14)
-    extension = lid_over(file.mesh)
-    closed = again(file.extended(extension), tmp_path)
+    cover = lid_over(file.mesh)
+    closed = again(file.extended(cover), tmp_path)
     assert is_closed(closed.mesh)
     assert np.array_equal(closed.mesh.vertices[:30], file.mesh.vertices)
-    assert np.allclose(closed.mesh.vertices[-1:], extension.vertices, atol=1e-6)
+    assert np.allclose(closed.mesh.vertices[-1:], cover.vertices, atol=1e-6)
     scene = trimesh.load_scene(tmp_path / "again.glb", process=False)
     assert np.allclose(scene.to_mesh().bounds, [closed.mesh.vertices.min(axis=0), closed.mesh.vertices.max(axis=0)])
 
@@ -168,46 +159,37 @@ def test_instances_are_read_once_each_and_only_the_filled_one_grows(tmp_path: Pa
     nodes = [{"mesh": 0}, {"mesh": 0, "matrix": column_major}]
     file = parsed(glb_file([CUBE], nodes=nodes, scenes=[{"nodes": [0, 1]}]))
     assert np.array_equal(file.mesh.vertices[8:], VERTICES + np.array([3, 0, 0]))
-    back = again(file.extended(lid_second(file.mesh)), tmp_path)
+    second = extension([3.5, 0.5, 1.5], [[9, 13, 16], [13, 15, 16], [15, 11, 16], [11, 9, 16]])
+    back = again(file.extended(second), tmp_path)
     assert len(boundary_edges(back.mesh.faces)) == 4
-    assert len(tree_of((tmp_path / "again.glb").read_bytes())["meshes"]) == 2
-    both = back.extended(lid_for_first(back.mesh))
+    assert len(glb_tree((tmp_path / "again.glb").read_bytes())["meshes"]) == 2
+    both = back.extended(extension(lid().vertices, np.where(lid().faces == 8, len(back.mesh.vertices), lid().faces)))
     assert is_closed(again(both, tmp_path).mesh)
-
-
-def lid_second(mesh: TriangleMesh) -> object:
-    faces = np.array([[9, 13, 16], [13, 15, 16], [15, 11, 16], [11, 9, 16]])
-    return type(lid())(vertices=np.array([[3.5, 0.5, 1.5]]), faces=faces, face_loops=np.zeros(4, dtype=np.int64))
-
-
-def lid_for_first(mesh: TriangleMesh) -> object:
-    faces = np.where(lid().faces == 8, len(mesh.vertices), lid().faces)
-    return type(lid())(vertices=lid().vertices, faces=faces, face_loops=np.zeros(4, dtype=np.int64))
 
 
 def test_quantized_positions_are_rounded_to_their_grid(tmp_path: Path) -> None:
     data = glb_file(
         [{"POSITION": np.hstack([VERTICES, np.zeros((8, 1))])[:, :3].astype(np.int16) * 300, "indices": INDICES}]
     )
-    file = parsed(with_tree(data, lambda tree: tree["accessors"][0].update(normalized=True)))
+    file = parsed(glb_with(lambda tree: tree["accessors"][0].update(normalized=True), data))
     assert np.allclose(file.mesh.vertices, VERTICES * 300 / 32767)
-    extension = lid_over(file.mesh)
-    back = again(file.extended(extension), tmp_path)
+    cover = lid_over(file.mesh)
+    back = again(file.extended(cover), tmp_path)
     assert np.array_equal(back.mesh.vertices[:8], file.mesh.vertices)
-    assert np.abs(back.mesh.vertices[-1:] - extension.vertices).max() <= 0.5 / 32767
+    assert np.abs(back.mesh.vertices[-1:] - cover.vertices).max() <= 0.5 / 32767
 
 
 def test_joints_are_those_of_the_nearest_vertex_and_animations_stay(tmp_path: Path) -> None:
     joints = np.arange(32, dtype=np.uint8).reshape(8, 4)
     data = glb_file([{**CUBE, "JOINTS_0": joints, "WEIGHTS_0": np.full((8, 4), 0.25, dtype=np.float32)}])
     animations = [{"samplers": [{"input": 0, "output": 0}], "channels": []}]
-    file = parsed(with_tree(data, lambda tree: tree.update(animations=animations)))
+    file = parsed(glb_with(lambda tree: tree.update(animations=animations), data))
     assert dict(file.mesh.vertex_attributes) == {}
-    cover = MeshExtension(vertices=[[0.9, 0.9, 1.5]], faces=lid().faces, face_loops=lid().face_loops)
+    cover = extension([0.9, 0.9, 1.5], lid().faces)
     back = again(file.extended(cover), tmp_path)
     written = (tmp_path / "again.glb").read_bytes()
     assert pieces(written)[1].rows["JOINTS_0"][-1].tolist() == joints[7].tolist()
-    tree = tree_of(written)
+    tree = glb_tree(written)
     assert tree["animations"] == animations
     assert tree["accessors"][0]["count"] == 8
     assert is_closed(back.mesh)
@@ -222,9 +204,9 @@ def test_foreign_buffers_stay(tmp_path: Path) -> None:
         tree["images"] = [{"uri": "http://example.org/x.png"}, {"bufferView": 2, "mimeType": "image/png"}]
         tree["extras"] = {"bufferView": 77}
 
-    foreign = parsed(with_tree(data, add_foreign))
+    foreign = parsed(glb_with(add_foreign, data))
     foreign.extended(lid()).write(tmp_path / "b.glb")
-    tree = tree_of((tmp_path / "b.glb").read_bytes())
+    tree = glb_tree((tmp_path / "b.glb").read_bytes())
     assert tree["buffers"][1] == {"uri": "secret.bin", "byteLength": 4}
     assert tree["bufferViews"][tree["images"][1]["bufferView"]]["buffer"] == 1
     assert tree["extras"] == {"bufferView": 77}
@@ -247,12 +229,8 @@ def test_rim_of_another_node_and_loose_patches_are_written_in_scene_coordinates(
         tree["scenes"] = [{"nodes": [0, 1]}]
         tree["nodes"] = nodes
 
-    file = parsed(with_tree(data, part))
-    bridge = type(lid())(
-        vertices=np.array([[9.0, 9, 9], [9, 8, 9], [8, 9, 9]]),
-        faces=np.array([[1, 5, 8], [16, 17, 18]]),
-        face_loops=np.array([0, 1]),
-    )
+    file = parsed(glb_with(part, data))
+    bridge = extension([[9, 9, 9], [9, 8, 9], [8, 9, 9]], [[1, 5, 8], [16, 17, 18]])
     back = again(file.extended(bridge), tmp_path)
     corners = back.mesh.vertices[back.mesh.faces]
     for wanted in (file.mesh.vertices[[1, 5, 8]], bridge.vertices):

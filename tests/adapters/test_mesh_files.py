@@ -14,7 +14,17 @@ from spinor_geom.adapters.mesh_files import FORMATS
 from spinor_geom.errors import MeshFileError, MeshShapeError, NonFiniteVertexError, VertexIndexError
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.mesh.topology import boundary_edges
-from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS, is_closed, lid, lid_for, nothing, open_cube
+from tests.adapters.shapes import (
+    CUBE_POINTS,
+    CUBE_QUADS,
+    extension,
+    is_closed,
+    lid,
+    lid_for,
+    nothing,
+    open_cube,
+    quad_lines,
+)
 
 SUFFIXES = [".obj", ".ply", ".stl", ".off", ".glb"]
 
@@ -22,8 +32,7 @@ SUFFIXES = [".obj", ".ply", ".stl", ".off", ".glb"]
 def cube_file(folder: Path, suffix: str = ".obj") -> Path:
     """The open cube of quads, with colours, in any format."""
     text = "".join(f"v {x} {y} {z} {x} {y} 0.5\n" for x, y, z in CUBE_POINTS.tolist())
-    text += "".join("f " + " ".join(map(str, quad)) + "\n" for quad in (CUBE_QUADS[:-1] + 1).tolist())
-    (folder / "cube.obj").write_text(text)
+    (folder / "cube.obj").write_text(text + quad_lines())
     if suffix != ".obj":
         read_mesh(folder / "cube.obj").write(folder / f"cube{suffix}")
     return folder / f"cube{suffix}"
@@ -115,11 +124,9 @@ def test_attributes_go_from_obj_to_glb_as_far_as_the_format_allows(tmp_path: Pat
     random = np.random.default_rng(4)
     uv, normals = random.uniform(size=(8, 2)), random.normal(size=(8, 3))
     text = "".join(f"v {x} {y} {z}\n" for x, y, z in CUBE_POINTS.tolist())
-    text += "".join(f"vt {u} {v}\n" for u, v in uv.tolist()) + "".join(
-        f"vn {a} {b} {c}\n" for a, b, c in normals.tolist()
-    )
-    text += "".join("f " + " ".join(f"{i}/{i}/{i}" for i in quad) + "\n" for quad in (CUBE_QUADS[:-1] + 1).tolist())
-    (tmp_path / "a.obj").write_text(text)
+    text += "".join(f"vt {u} {v}\n" for u, v in uv.tolist())
+    text += "".join(f"vn {a} {b} {c}\n" for a, b, c in normals.tolist())
+    (tmp_path / "a.obj").write_text(text + quad_lines("{0}/{0}/{0}"))
     read_mesh(tmp_path / "a.obj").write(tmp_path / "a.glb")
     attributes = read_mesh(tmp_path / "a.glb").mesh.vertex_attributes
     assert np.allclose(attributes["uv"], uv, atol=1e-7)
@@ -170,9 +177,8 @@ def test_extensions_that_do_not_fit_are_refused(tmp_path: Path) -> None:
     with pytest.raises(MeshShapeError, match="'color'"):
         file.extended(lid())
     assert len(file.extended(nothing()).mesh.faces) == 10
-    wrong = type(lid())(vertices=np.zeros((0, 3)), faces=np.array([[0, 1, 8]]), face_loops=np.array([0]))
     with pytest.raises(VertexIndexError):
-        file.extended(wrong)
+        file.extended(extension([], [0, 1, 8]))
 
 
 @pytest.mark.parametrize("suffix", FORMATS)

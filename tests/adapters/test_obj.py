@@ -11,13 +11,24 @@ from spinor_geom.adapters import read_mesh
 from spinor_geom.adapters.obj import read_obj
 from spinor_geom.errors import MeshFileError
 from spinor_geom.mesh.topology import boundary_edges
-from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS, DATA, extensions, is_closed, lid, lid_for, reading
+from tests.adapters.shapes import (
+    CUBE_POINTS,
+    CUBE_QUADS,
+    DATA,
+    extension,
+    extensions,
+    is_closed,
+    lid,
+    lid_for,
+    quad_lines,
+    reading,
+)
 
 parsed, again = reading(read_obj, ".obj")
 
 
-CUBE = "".join(f"v {x} {y} {z}\n" for x, y, z in CUBE_POINTS.tolist())
-CUBE += "".join("f " + " ".join(map(str, quad)) + "\n" for quad in (CUBE_QUADS[:-1] + 1).tolist())
+POINTS = "".join(f"v {x} {y} {z}\n" for x, y, z in CUBE_POINTS.tolist())
+CUBE = POINTS + quad_lines()
 TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 
 
@@ -100,17 +111,14 @@ def test_round_trip_is_bit_exact(
 @pytest.mark.parametrize("end", ["", "\\", "\n", "\\\n"])
 def test_a_last_line_of_any_end_is_not_continued_by_what_is_added(tmp_path: Path, newline: str, end: str) -> None:
     text = (TRIANGLE + "f 1 2 3" + end).replace("\n", newline)
-    one = type(lid())(vertices=[[5.0, 5, 5]], faces=[[1, 0, 3]], face_loops=[0])
+    one = extension([5, 5, 5], [1, 0, 3])
     closed = again(parsed(text).extended(one), tmp_path)
     assert (tmp_path / "again.obj").read_bytes().startswith(text.encode())
     assert closed.mesh.faces.tolist() == [[0, 1, 2], [1, 0, 3]]
 
 
 def test_second_extension_follows_the_first(tmp_path: Path) -> None:
-    half = lid()
-    first = type(half)(vertices=half.vertices, faces=half.faces[:2], face_loops=half.face_loops[:2])
-    second = type(half)(vertices=np.zeros((0, 3)), faces=half.faces[2:], face_loops=half.face_loops[2:])
-    twice = parsed(CUBE).extended(first).extended(second)
+    twice = parsed(CUBE).extended(extension(lid().vertices, lid().faces[:2])).extended(extension([], lid().faces[2:]))
     assert is_closed(twice.mesh)
     assert is_closed(again(twice, tmp_path).mesh)
 
@@ -138,8 +146,7 @@ def test_real_files_have_the_sizes_that_their_sources_state(
 
 
 def test_texture_and_normals_of_single_vertices_are_carried(tmp_path: Path) -> None:
-    text = CUBE.partition("f")[0]
-    text += "".join(f"vt {i / 8} 0.5\n" for i in range(8)) + "".join(f"vn {i} 1 0\n" for i in reversed(range(8)))
+    text = POINTS + "".join(f"vt {i / 8} 0.5\n" for i in range(8)) + "".join(f"vn {7 - i} 1 0\n" for i in range(8))
     text += "".join("f " + " ".join(f"{i}/{i}/{9 - i}" for i in quad) + "\n" for quad in (CUBE_QUADS[:-1] + 1).tolist())
     file = parsed(text)
     assert file.mesh.vertex_attributes["uv"][:, 0].tolist() == [i / 8 for i in range(8)]
@@ -152,9 +159,7 @@ def test_texture_and_normals_of_single_vertices_are_carried(tmp_path: Path) -> N
 
 
 def test_normals_alone_leave_the_texture_index_empty(tmp_path: Path) -> None:
-    text = CUBE.partition("f")[0] + "".join(f"vn 0 0 {i}\n" for i in range(8))
-    text += "".join("f " + " ".join(f"{i}//{i}" for i in quad) + "\n" for quad in (CUBE_QUADS[:-1] + 1).tolist())
-    file = parsed(text)
+    file = parsed(POINTS + "".join(f"vn 0 0 {i}\n" for i in range(8)) + quad_lines("{0}//{0}"))
     closed = again(file.extended(lid_for(file.mesh)), tmp_path)
     assert (tmp_path / "again.obj").read_text().endswith("f 4//4 2//2 9//9\n")
     assert set(closed.mesh.vertex_attributes) == {"normal"}

@@ -14,7 +14,7 @@ from spinor_geom.adapters.contents import FileContents
 from spinor_geom.adapters.mesh_files import path_in_errors
 from spinor_geom.adapters.obj import read_obj
 from spinor_geom.errors import MeshFileError
-from spinor_geom.mesh.triangle_mesh import MeshExtension
+from tests.adapters.shapes import extension
 
 LINES = (
     "v 0 0 0 1 0 0",
@@ -49,10 +49,7 @@ def read(text: str) -> FileContents | str:
 def with_a_face(contents: FileContents) -> bytes:
     assert contents.appended is not None
     none = {name: values[:0] for name, values in contents.attributes.items()}
-    face = np.array([[0, 0, 0]])
-    return contents.appended(
-        MeshExtension(vertices=np.zeros((0, 3)), faces=face, face_loops=np.zeros(1, dtype=int), vertex_attributes=none)
-    )
+    return contents.appended(extension([], [0, 0, 0], **none))
 
 
 PLAIN = ("names", "polyline_names", "suffix")

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from spinor_geom.adapters import MeshFile, read_mesh
 from spinor_geom.adapters.ply import read_ply, read_records
-from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS, extensions, is_closed, lid, open_cube, reading
+from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS, extension, extensions, is_closed, lid, open_cube, reading
 
 parsed, again = reading(read_ply, ".ply")
 
@@ -169,7 +169,7 @@ def test_new_faces_have_the_colour_of_most_faces(tmp_path: Path) -> None:
     header = HEAD + "element face 5\nproperty list uchar int vertex_indices\n"
     header += "".join(f"property uchar {name}\n" for name in ("red", "green", "blue")) + "end_header\n"
     body = "0 0 0\n1 0 0\n0 1 0\n" + "".join(f"3 0 1 2 {r} {g} {b}\n" for r, g, b in colours)
-    one = type(lid())(vertices=[[0.0, 0, 1]], faces=[[0, 1, 3]], face_loops=[0])
+    one = extension([0, 0, 1], [0, 1, 3])
     again(parsed((header + body).encode()).extended(one), tmp_path)
     held = read_records((tmp_path / "again.ply").read_bytes()).elements["face"].values
     assert [int(held[name][-1]) for name in ("red", "green", "blue")] == [255, 0, 0]

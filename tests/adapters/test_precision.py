@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import struct
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,7 +19,7 @@ from spinor_geom.adapters.mesh_files import FORMATS
 from spinor_geom.cli.main import main
 from spinor_geom.errors import PrecisionError
 from spinor_geom.fill.fill_hole import fill_hole
-from spinor_geom.mesh.triangle_mesh import MeshExtension
+from tests.adapters.shapes import extension, glb_tree
 from tests.fill.shapes import obj_text, tube
 
 SINGLE = (".stl", ".glb")
@@ -79,8 +78,7 @@ def test_a_glb_file_far_from_the_origin_has_an_offset_that_every_reader_adds(
     assert told in capsys.readouterr().err
     assert told in json.loads(report.read_text())["notes"][-1]
     filled = fill_hole(tmp_path / "tube.obj").mesh
-    size = struct.unpack("<I", path.read_bytes()[12:16])[0]
-    assert json.loads(path.read_bytes()[20 : 20 + size])["nodes"] == [{"mesh": 0, "translation": UTM.tolist()}]
+    assert glb_tree(path.read_bytes())["nodes"] == [{"mesh": 0, "translation": UTM.tolist()}]
     again = read_mesh(path)
     np.testing.assert_allclose(again.mesh.vertices, filled.vertices, rtol=0, atol=2e-7)
     other = trimesh.load_scene(path, process=False).to_mesh()
@@ -119,12 +117,8 @@ def test_new_vertices_that_the_numbers_of_the_file_cannot_hold_are_refused(tmp_p
     rim = np.stack([np.arange(16), np.roll(np.arange(16), -1), np.full(16, 48)], axis=1)
     for shift, is_held in ((0.5, True), (1e-3, False)):
         moved = np.stack([middle, middle + np.array([shift, 0, 0])])
-        new = MeshExtension(
-            vertices=moved,
-            faces=np.concatenate([rim, [[0, 48, 49]]]),
-            face_loops=np.zeros(17, dtype=np.int64),
-            vertex_attributes={name: np.zeros((2, x.shape[1])) for name, x in far.mesh.vertex_attributes.items()},
-        )
+        rows = {name: np.zeros((2, x.shape[1])) for name, x in far.mesh.vertex_attributes.items()}
+        new = extension(moved, [*rim, [0, 48, 49]], **rows)
         if is_held:
             far.extended(new).write(path)
             continue

@@ -8,8 +8,7 @@ from spinor_geom.adapters import extend, to_mesh
 from spinor_geom.errors import MeshShapeError, VertexIndexError
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.loop_choice import boundary_loops
-from spinor_geom.mesh.triangle_mesh import MeshExtension
-from tests.adapters.shapes import lid, lid_for, nothing
+from tests.adapters.shapes import extension, lid, lid_for, nothing
 from tests.fill.shapes import tube
 
 # scaled, turned, moved; and mirrored
@@ -114,11 +113,10 @@ def test_attributes_of_one_name_and_another_kind_are_distinguished() -> None:
 
 
 def test_faces_that_join_two_geometries_are_refused(scene: trimesh.Scene) -> None:
-    bridge = MeshExtension(vertices=np.zeros((0, 3)), faces=[[0, 1, 60]], face_loops=[0])
     with pytest.raises(MeshShapeError, match=r"'red' and 'hot' of the scene; give scene.to_mesh\(\)"):
-        extend(scene, bridge)
+        extend(scene, extension([], [0, 1, 60]))
     with pytest.raises(VertexIndexError):
-        extend(scene, MeshExtension(vertices=np.zeros((0, 3)), faces=[[0, 1, 99]], face_loops=[0]))
+        extend(scene, extension([], [0, 1, 99]))
     with pytest.raises(MeshShapeError, match="'color'"):
         extend(scene, lid())
 

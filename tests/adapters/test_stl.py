@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from spinor_geom.adapters import read_mesh
 from spinor_geom.adapters.stl import encode_stl, read_stl
 from spinor_geom.mesh.topology import boundary_edges
-from tests.adapters.shapes import is_closed, lid, open_cube, reading
+from tests.adapters.shapes import extension, is_closed, lid, open_cube, reading
 
 parsed, _ = reading(read_stl, ".stl")
 
@@ -32,8 +32,7 @@ def test_soup_is_kept_and_merging_makes_it_a_surface(tmp_path: Path, encoding: s
     assert len(boundary_edges(merged.mesh.faces)) == 4
     where = {tuple(point): index for index, point in enumerate(merged.mesh.vertices.tolist())}
     old = np.append(np.array([where[tuple(point)] for point in vertices.tolist()]), 8)
-    cover = type(lid())(vertices=lid().vertices, faces=old[lid().faces], face_loops=lid().face_loops)
-    closed = merged.extended(cover)
+    closed = merged.extended(extension(lid().vertices, old[lid().faces]))
     assert is_closed(closed.mesh)
     closed.write(tmp_path / "closed.stl")
     back = read_mesh(tmp_path / "closed.stl")

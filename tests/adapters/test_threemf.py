@@ -83,19 +83,10 @@ def test_a_3mf_file_that_unpacks_to_far_more_than_it_is_is_refused(tmp_path: Pat
         read_mesh(tmp_path / "bomb.3mf")
 
 
-def in_unit(path: Path, unit: str) -> Path:
-    trimesh.Scene([trimesh.Trimesh(*tube(), process=False)]).export(path)
-    with zipfile.ZipFile(path) as archive:
-        held = {name: archive.read(name) for name in archive.namelist()}
-    with zipfile.ZipFile(path, "w") as archive:
-        for name, data in held.items():
-            archive.writestr(name, data.replace(b'unit="millimeter"', f'unit="{unit}"'.encode()))
-    return path
-
-
 @pytest.mark.parametrize(("unit", "metres"), list(METRES.items()))
 def test_3mf_keeps_its_unit_and_glb_is_in_metres(tmp_path: Path, unit: str, metres: float) -> None:
-    file = read_mesh(in_unit(tmp_path / "tube.3mf", unit))
+    package = model(mesh_text(1), 'objectid="1"').replace("millimeter", unit)
+    file = read_mesh(packed(tmp_path / "tube.3mf", {ROOT: package}))
     assert file.contents.unit == unit
     for number, one in enumerate((file, fill_hole(file), file.merged())):
         one.write(tmp_path / f"{number}.3mf")

@@ -6,7 +6,7 @@ from trimesh.visual import TextureVisuals
 
 from spinor_geom.adapters import extend, to_mesh
 from spinor_geom.mesh.topology import boundary_edges
-from tests.adapters.shapes import is_closed, lid, lid_for, nothing, open_cube
+from tests.adapters.shapes import extension, is_closed, lid, lid_for, nothing, open_cube
 
 
 def plain(vertices: np.ndarray, faces: np.ndarray, **options: object) -> trimesh.Trimesh:
@@ -44,12 +44,8 @@ def test_texture_seam_is_no_boundary() -> None:
     assert len(boundary_edges(np.asarray(tube.faces))) == 8 + 8 + 2
     assert len(boundary_edges(mesh.faces)) == 8 + 8
     ring = np.arange(8)
-    bottom = type(lid())(
-        vertices=np.array([[0.0, 0.0, -1.0]]),
-        faces=np.stack([np.roll(ring, -1), ring, np.full(8, 18)], axis=1),
-        face_loops=np.zeros(8, dtype=np.int64),
-        vertex_attributes={"uv": np.array([[0.5, -1.0]])},
-    )
+    faces = np.stack([np.roll(ring, -1), ring, np.full(8, 18)], axis=1)
+    bottom = extension([0, 0, -1], faces, uv=np.array([[0.5, -1.0]]))
     grown = extend(tube, bottom)
     assert np.array_equal(grown.visual.uv[:18], tube.visual.uv)
     assert grown.visual.uv[18].tolist() == [0.5, -1.0]
