@@ -23,7 +23,7 @@ _SLOPE = 0.15  # largest change of depth between two marks, relative to their di
 # A depth is allowed where no other part of ∂Ω is nearer to the inner corner than this share of the distance from its
 # own part.
 _CLEAR = 0.9
-_GRID = np.linspace(0, 1, 9)  # parameters along a side where quadrilaterals are tested for folds
+_GRID = np.linspace(0, 1, 17)  # parameters along a side where quadrilaterals are tested for folds
 _ASIDE = 0.005  # one-sided derivatives are taken this share of the side inside its ends
 # Largest turn of ∂Ω along a quadrilateral that replaces several, in radians: smaller gives more quadrilaterals, larger
 # more knots.

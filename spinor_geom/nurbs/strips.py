@@ -25,7 +25,7 @@ Sampler: TypeAlias = Callable[[Sequence[Grid]], list[tuple[Values, Values]]]
 DEGREE = 9  # of splines with inner knots
 NEARER_AT_RIMS = 10.0  # ratio of the tolerances inside and at rims, so that shells fit adjacent parts
 _ROUNDS = 20  # of halving pieces
-_MOST_POINTS = 25_000  # control points of all patches, above which no piece is halved. Ragged rims take 20 000
+_MOST_POINTS = 100_000  # control points of all patches, above which no piece is halved
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

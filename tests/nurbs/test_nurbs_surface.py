@@ -65,6 +65,28 @@ def sides_agree(surface: NurbsSurface) -> bool:
     return True
 
 
+def fourier_points(seed: int) -> np.ndarray:
+    """Points of a stretched Fourier curve, at steps that vary by 30 %."""
+    rng = np.random.default_rng(seed)
+    k = np.arange(1, 1 + rng.integers(3, 9))
+    stretch = np.array([10 ** rng.uniform(), 1, 1])
+    waves = 0.8 * rng.normal(size=(2, len(k), 3)) / k[:, None] ** 2
+    waves[:, 0] = np.eye(3)[:2]
+    count = int(rng.integers(64, 301))
+    angle = 2 * np.pi * ((np.arange(count) + rng.uniform(-0.3, 0.3, count)) / count)[:, None] * k
+    return np.asarray((np.cos(angle) @ waves[0] + np.sin(angle) @ waves[1]) * stretch)
+
+
+# cubic splines through 77 points take 33,000 control points; Ω of the second curve has a bump far shorter than the side
+# of a patch there
+@pytest.mark.parametrize("seed", [5000, 6000])
+def test_patches_over_points_of_smooth_curves_converge(seed: int) -> None:
+    solution = spinor_geom.solve_plateau(fourier_points(seed), tolerance=1e-5)
+    surface = solution.to_nurbs()
+    assert surface.converged
+    assert abs(surface.area / solution.area - 1) < 1e-6  # the tolerance
+
+
 @pytest.mark.parametrize("name", SMOOTH)
 def test_smooth_films_have_the_area_of_the_surface(name: str) -> None:
     solution = SMOOTH[name]()
