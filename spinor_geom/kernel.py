@@ -60,6 +60,7 @@ FUNCTIONS: dict[str, tuple[Any, ...]] = {
     "bending_stiffness": (_INTEGER, _INTEGER, *_FORM, _INTEGER, *_MATRIX),
     "bending_residual": (_INTEGER, _INTEGER, *_FORM, _NUMBERS, _NUMBERS),
     "minimum_area_splits": (_INTEGER, _NUMBERS, _NUMBER, _NUMBER, _INDICES),
+    "flattest_splits": (_INTEGER, _NUMBERS, _NUMBERS, _NUMBERS, _SHORT_INDICES, _INDICES, _NUMBERS),
 }
 
 _LARGEST = np.finfo(np.float64).max

@@ -264,7 +264,11 @@ def _minimised(patch: Patch, collar: Collar, remeshed: Callable[[Patch], Patch])
             steps += faired.steps
             if _rank(faired) >= _rank(best):
                 break
+            # on 48 rims where Newton's method failed, no patch whose next step was not halved became good
+            is_slow = not faired.converged and faired.next_step > best.next_step / 2
             best = faired
+            if is_slow:
+                break
     return replace(best, steps=steps)
 
 

@@ -8,6 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Complex, Float
+from scipy.linalg import circulant
 
 from spinor_geom.arrays import Array, Place, arange, contiguous, namespace, place_of
 from spinor_geom.deadline import require_time
@@ -53,15 +54,14 @@ class DirichletForm:
         z, dz, ddz = boundary.grid(n)
         kernel = _smooth_kernel(z, dz) / n
         np.fill_diagonal(kernel, ddz / (4 * np.pi * dz * n))
-        k = np.fft.fftfreq(n, 1 / n)
-        k[n // 2] = 0
-        identity = np.eye(n)
+        k = np.arange(n // 2 + 1)
+        k[-1] = 0
         # column j is the conjugate of e_j on the disk
-        disk = np.fft.ifft((-1j * np.sign(k))[:, None] * np.fft.fft(identity, axis=0), axis=0).real
+        disk = circulant(np.fft.irfft(-1j * np.sign(k), n=n))
         require_time()  # the solution takes seconds for thousands of steps
         # a real density μ gives the boundary values (½ + Im kernel) μ and their conjugate (½ H − Re kernel) μ
-        conjugate = np.linalg.solve((0.5 * identity + kernel.imag).T, (0.5 * disk - kernel.real).T).T
-        slope = np.fft.ifft((1j * k)[:, None] * np.fft.fft(conjugate - disk, axis=0), axis=0).real
+        conjugate = np.linalg.solve((0.5 * np.eye(n) + kernel.imag).T, (0.5 * disk - kernel.real).T).T
+        slope = np.fft.irfft((1j * k)[:, None] * np.fft.rfft(conjugate - disk, axis=0), n=n, axis=0)
         asymmetry = float(np.abs(slope - slope.T).max()) / (n / 4)
         correction = (slope + slope.T) / 2
         form = cls(boundary=boundary, kernel=place.put(kernel), correction=place.put(correction), error=asymmetry)
@@ -103,10 +103,10 @@ def frequencies(n: int, place: Place) -> Float[Array, " k"]:
 def _smooth_kernel(z: Complex[np.ndarray, " n"], dz: Complex[np.ndarray, " n"]) -> Complex[np.ndarray, "n n"]:
     """z'(τ)/(2π(z(τ) − z(t))) − ½cot(π(τ − t)) at equal steps without diagonal: the smooth part of the kernel."""
     step = np.arange(len(z)) / len(z)
-    turn, difference = step - step[:, None], z - z[:, None]
-    np.fill_diagonal(turn, 0.5)
+    step[0] = 0.5
+    difference = z - z[:, None]
     np.fill_diagonal(difference, 1)
-    return np.asarray(dz / (2 * np.pi) / difference - 0.5 / np.tan(np.pi * turn))
+    return np.asarray(dz / (2 * np.pi) / difference - circulant(0.5 / np.tan(np.pi * step)).T)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
