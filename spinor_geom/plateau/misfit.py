@@ -63,6 +63,8 @@ class Misfit:
         span = xp.where(skipped, 0.0, xp.maximum(arc, chord))
         squares = ((span + shifted(span, 1)) / 2 * square(distance)).sum(-1)
         largest, local = xp.max(distance, axis=-1), xp.max(distance / local_edge, axis=-1)
+        # a diverged fit may have its whole boundary at one point of Γ, up to rounding
+        lengths = xp.maximum(arc.sum(-1), np.finfo(float).eps * speed.sum(-1))
         for i in indices(skipped.any(-1)).tolist():
             curve = alone(i)
             parameters, missed, weights = _on_skipped(r[i], slide[i], indices(skipped[i]), curve)
@@ -71,7 +73,7 @@ class Misfit:
             local[i] = xp.maximum(local[i], (missed / curve.local_edge(parameters)).max())
         return tuple(
             cls(rms=(square / length) ** 0.5, max=far, max_per_local_edge=ratio, length=length)
-            for square, far, ratio, length in xp.stack([squares, largest, local, arc.sum(-1)], axis=1).tolist()
+            for square, far, ratio, length in xp.stack([squares, largest, local, lengths], axis=1).tolist()
         )
 
     @classmethod

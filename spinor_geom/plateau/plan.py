@@ -140,9 +140,9 @@ def nearest_surface(routes: Sequence[Route], problem: PlateauProblem) -> RouteRe
         try:
             with typed_failures():
                 found = route.solve(problem)
-            if not np.isfinite(found.misfit.rms):
+            if not found.misfit.rms < 1:  # the size of the problem's Γ
                 raise SurfaceError(
-                    "p and q of the surface overflow, so that its boundary is not finite; scale the loop"
+                    "the fit of p and q diverged: its boundary is farther from the loop than the loop's size"
                 )
         except OutOfTimeError:
             break

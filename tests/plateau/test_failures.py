@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from spinor_geom import gallery
 from spinor_geom.arrays import NUMPY
 from spinor_geom.deadline import time_limit
-from spinor_geom.errors import SingularMatrixError, SpinorGeomError
+from spinor_geom.errors import SingularMatrixError, SurfaceError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau import solve_plateau, solve_plateau_batch
@@ -58,16 +58,17 @@ def test_singular_equations_are_a_typed_error_and_other_routes_are_tried(
     assert all(isinstance(answer, SingularMatrixError) for answer in answers)
 
 
-def test_a_surface_that_is_not_finite_is_none() -> None:
-    def overflowing(problem: PlateauProblem) -> RouteResult:
+@pytest.mark.parametrize("distance", [np.nan, np.inf, 1e24])
+def test_a_surface_that_is_farther_from_the_loop_than_its_size_is_none(distance: float) -> None:
+    def diverging(problem: PlateauProblem) -> RouteResult:
         found = UNIT_DISK.solve(problem)
-        return replace(found, misfit=replace(found.misfit, rms=np.nan))
+        return replace(found, misfit=replace(found.misfit, rms=distance))
 
-    overflow, problem = Route("disk", overflowing), PlateauProblem.of([SMOOTH], Options())
+    diverged, problem = Route("disk", diverging), PlateauProblem.of([SMOOTH], Options())
     with one_thread():
-        assert nearest_surface((overflow, FLATTENING), problem).route == "flattened"
-        with pytest.raises(SpinorGeomError, match="not finite"):
-            nearest_surface((overflow,), problem)
+        assert nearest_surface((diverged, FLATTENING), problem).route == "flattened"
+        with pytest.raises(SurfaceError):
+            nearest_surface((diverged,), problem)
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e200])

@@ -57,6 +57,11 @@ def test_a_finger_that_is_passed_over_is_missed_by_many_of_its_edges():
     assert misfit(points, breaks, curve).max < 0.05 * measured.max
 
 
+def test_a_boundary_at_one_point_of_the_curve_is_far():
+    points = circle(40)
+    assert misfit(1e16 * points, np.full(40, 1e16), tensors(points)).rms > 1e16  # as of a fit that diverged
+
+
 def test_a_boundary_that_runs_off_is_far():
     curve = tensors(circle(40))
     t = np.arange(400) / 400
