@@ -5,8 +5,7 @@ The outer conormal ν has ν ds = Γ′ × n dt. The first variation is ∮ ν·
     δ(ν ds) = X′ × n dt + Γ′ × δn dt ,   δn = −∇u + dn(Xᵀ) ,   u = n·X ,
 
 so that the second variation is ∮ (X′ × n)·X dt + ∮ u (∂_ν u + II(Xᵀ, ν)) ds, where u is extended inside by Jacobi's
-equation Δu + |dn|²u = 0. The form ∮ u ∂_ν u ds = ∫ |∇u|² − |dn|²u² is computed by linear finite elements on the
-triangulation of Ω.
+equation Δu + |dn|²u = 0. The form ∮ u ∂_ν u ds = ∫ |∇u|² − |dn|²u² is computed by linear finite elements.
 """
 
 from __future__ import annotations
@@ -17,14 +16,17 @@ from scipy.sparse import csc_array, diags_array
 from scipy.sparse.linalg import splu
 
 from spinor_geom.domain.delaunay import flat_coordinates
+from spinor_geom.domain.triangulation import PlaneTriangulation
 from spinor_geom.gradients.rim_nodes import RimNodes
 from spinor_geom.mesh.operators import cotangent_laplacian
 from spinor_geom.plateau.solution import PlateauSolution
+from spinor_geom.surface.array_surface import ArraySurface
 
 
-def boundary_form(solution: PlateauSolution, u: Float[np.ndarray, "m k"]) -> Float[np.ndarray, "k k"]:
-    """The form ∫ |∇u|² − |dn|²u² of Jacobi fields u, given at the boundary vertices of Ω's triangulation."""
-    surface, mesh = solution.array_surface, solution.domain.triangulation
+def boundary_form(
+    surface: ArraySurface, mesh: PlaneTriangulation, u: Float[np.ndarray, "m k"]
+) -> Float[np.ndarray, "k k"]:
+    """The form ∫ |∇u|² − |dn|²u² of Jacobi fields u, given at the boundary vertices of a triangulation of Ω."""
     points, faces, m = mesh.points, np.asarray(mesh.faces), mesh.boundary_size
     a, b, c = points[faces].T
     areas, middle = np.abs(np.imag(np.conj(b - a) * (c - a))) / 2, (a + b + c) / 3

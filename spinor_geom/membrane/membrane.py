@@ -37,6 +37,9 @@ _LEAST = 1e-9  # eigenvalue, relative to the largest one
 # not decrease end it too, because they have the size of the film's error. Longer ones than the third are shortened.
 _FINAL, _NOISE, _LONGEST = 1e-7, 1e-5, 0.15
 _ROUGH, _ROUGHLY = 1e-4, 1e-3  # expected step above which the film is computed with the second tolerance
+# Parts of each piece of ∂Ω for the finite elements of the second derivative. With 1 a step leaves up to a tenth of the
+# distance to the minimum, with 3 a hundredth.
+_FINER = 3
 _BALANCED = 1e-9  # largest force that is left at a free node or ring, relative to tensions and size
 
 
@@ -306,9 +309,8 @@ class _State:
     def by_area_twice(self) -> Float[np.ndarray, "c 3 c 3"]:
         """The second derivative of the area."""
         film, count = self.film, self.frame.count
-        form = np.zeros((count, 3, count, 3))
-        jacobi = []
-        for number, (rim, nodes) in enumerate(zip(film.rims, self.nodes, strict=True)):
+        domain, form, jacobi = film.domain.divided(_FINER), np.zeros((count, 3, count, 3)), []
+        for number, (rim, nodes, boundary) in enumerate(zip(film.rims, self.nodes, domain.boundaries, strict=True)):
             _, turned, bent = rim_terms(film, nodes)
             speed = np.linalg.norm(rim.curve.derivative(nodes.places), axis=1)[:, None]
             for piece in self.pieces(number, nodes.places):
@@ -317,13 +319,13 @@ class _State:
                     pairs = np.einsum("kj,kab->kajb", piece.values, matrix[piece.here]).reshape(len(one), -1)
                     form[np.ix_(at, _XYZ, at, _XYZ)] += (one.T @ pairs).reshape(size, 3, size, 3)
             t, s = np.concatenate([rim.matching - 1, rim.matching, rim.matching + 1]).T
-            normals = film.array_surface.normal(rim.boundary.vertices)
+            normals = film.array_surface.normal(boundary.vertices)
             normals = np.where(np.isfinite(normals), normals, 0)
             u = np.zeros((len(normals), count, 3))
-            for piece in self.pieces(number, np.interp(rim.boundary.parameters[:-1], t, s)):
+            for piece in self.pieces(number, np.interp(boundary.parameters[:-1], t, s)):
                 u[np.ix_(piece.here, piece.at)] = piece.values[:, :, None] * normals[piece.here, None]
             jacobi.append(u.reshape(len(u), -1))
-        form += boundary_form(film, np.concatenate(jacobi)).reshape(form.shape)
+        form += boundary_form(film.array_surface, domain.triangulation, np.concatenate(jacobi)).reshape(form.shape)
         return np.asarray((form + form.transpose(2, 3, 0, 1)) / 2)
 
     def gradient(self, tensions: Float[np.ndarray, " t"]) -> Float[np.ndarray, "c 3"]:
