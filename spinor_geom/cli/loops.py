@@ -11,9 +11,9 @@ from spinor_geom.cli.source import read_surface, require_writable
 from spinor_geom.deadline import time_limit
 from spinor_geom.errors import OutOfTimeError, require
 from spinor_geom.files import up_axis, write_text
-from spinor_geom.fill.mesh_notes import mesh_notes, useful_merging
+from spinor_geom.fill.fill_options import Choice, FillOptions
+from spinor_geom.fill.filling import Filling
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.find_loops import Sheets, find_boundary_loops
 from spinor_geom.mesh.intersections import loop_crossings
 from spinor_geom.mesh.triangle_mesh import require_faces
 from spinor_geom.render.page import require_html
@@ -39,9 +39,9 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
         require_writable(arguments.html, arguments.input)
     mesh = read_surface(arguments.input, merge=arguments.merge)
     require_faces(mesh.mesh)
-    sheets = Sheets.of(mesh.mesh.vertices, mesh.mesh.faces)
-    loops = find_boundary_loops(mesh.mesh, sheets)
-    notes = mesh_notes(mesh.mesh, loops, sheets, useful_merging(mesh.mesh, loops))
+    filling = Filling(mesh.mesh, Choice(), FillOptions())
+    loops, notes = filling.loops, filling.mesh_notes
+    borders = {index for index, outcome in filling.left_open.items() if outcome.is_border}
     if arguments.picture is not None:
         from spinor_geom.render.fill_scene import loops_scene, skin_of
         from spinor_geom.render.png import write_png
@@ -50,15 +50,23 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
         write_png(
             loops_scene(mesh.mesh, loops, up=up_axis(arguments.input), skin=skin_of(mesh, mesh.mesh)), arguments.picture
         )
-    rows = [_row(index, loop) for index, loop in enumerate(loops)]
+    rows = [_row(index, loop, is_border=index in borders) for index, loop in enumerate(loops)]
     if arguments.html is not None:
         from spinor_geom.render.report import loops_page
 
-        page = loops_page(mesh, loops, [COLUMNS, *rows], name=arguments.input.name, up=up_axis(arguments.input))
+        page = loops_page(
+            mesh,
+            loops,
+            [COLUMNS, *rows],
+            left_open=filling.left_open,
+            name=arguments.input.name,
+            up=up_axis(arguments.input),
+        )
         arguments.html.parent.mkdir(parents=True, exist_ok=True)
         write_text(arguments.html, page)
     if arguments.json:
-        show_lines(json.dumps([_json(index, loop) for index, loop in enumerate(loops)], indent=2), piped=True)
+        listed = [_json(index, loop) | {"border": index in borders} for index, loop in enumerate(loops)]
+        show_lines(json.dumps(listed, indent=2), piped=True)
     elif loops:
         show_table(
             COLUMNS,
@@ -102,7 +110,7 @@ def _crossings(loop: BoundaryLoop) -> int | None:
     return None
 
 
-def _row(index: int, loop: BoundaryLoop) -> list[str]:
+def _row(index: int, loop: BoundaryLoop, *, is_border: bool) -> list[str]:
     crossings = 0 if loop.slit_fraction else _crossings(loop)
     remarks = [
         f"zero-width slit ({loop.slit_fraction:.0%})" if loop.slit_fraction else "",
@@ -110,6 +118,7 @@ def _row(index: int, loop: BoundaryLoop) -> list[str]:
         f"{len(loop.junctions)} T-junctions" if len(loop.junctions) else "",
         _CROSSING.get(crossings, f"crosses or touches itself at {crossings} pairs of edges"),
         "" if loop.obstacle is None else f"no patch: {loop.obstacle}",
+        "border of a sheet, left open unless named" if is_border else "",
         *loop.remarks,
     ]
     return [

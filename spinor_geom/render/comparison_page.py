@@ -10,7 +10,7 @@ import numpy as np
 
 from spinor_geom.comparison import Comparison
 from spinor_geom.measures import distances_to_mesh
-from spinor_geom.render.page import Views, document, table
+from spinor_geom.render.page import Views, beside, document, table
 from spinor_geom.render.scene import Faces, Scale, Scene, overview
 
 _DISTANCE = "distance to the exact surface, mesh units"
@@ -18,7 +18,7 @@ _GAP = 1.15  # from one mesh to the next, in widths
 
 
 def comparison_page(comparisons: Mapping[str, Comparison], *, title: str) -> str:
-    """A page in one file with a table and a view of both meshes for each comparison, by name, such as "loop 0"."""
+    """A page in one file with a view of both meshes and a table for each comparison, by name, such as "loop 0"."""
     views, body = Views(), [f"<h1>{html.escape(title)}</h1>"]
     for name, comparison in comparisons.items():
         (head, *rows), layers = comparison.rows(), _side_by_side(comparison)
@@ -28,7 +28,14 @@ def comparison_page(comparisons: Mapping[str, Comparison], *, title: str) -> str
             scales={_DISTANCE: Scale(low=0.0, high=max(float(one.fields[_DISTANCE].max()) for one in layers))},
             unit="mesh units",
         )
-        body += [f"<h2>{html.escape(name)}</h2>", table(head, rows), views.figure(scene)]
+        summary = (
+            f"On average the surface's mesh is {comparison.patch_to_surface.mean:.2g} from the exact surface, and the "
+            f"{comparison.method} {comparison.baseline_to_surface.mean:.2g}."
+        )
+        body += [
+            f"<h2>{html.escape(name)}</h2><p>{html.escape(summary)}</p>",
+            beside(views.figure(scene), table(head, rows)),
+        ]
     return document(title, [*body, views.script()])
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from spinor_geom.membrane.membrane import Membrane
-from spinor_geom.render.page import Views, document, table
+from spinor_geom.render.page import Views, beside, document, table
 from spinor_geom.render.portrait import Portrait
 from spinor_geom.render.scene import Lines, Scene
 
@@ -44,9 +44,11 @@ def membrane_page(membrane: Membrane, *, name: str) -> str:
     body = [
         f"<h1>{title}</h1>",
         f"<p>Area {membrane.film.area:.9g}. Forces are in units of the surface tension times mesh units.</p>",
-        views.figure(scene),
-        table(("force of", "x", "y", "z"), forces),
-        *([table(("cable", "tension", "length"), cables)] if cables else []),
+        beside(
+            views.figure(scene),
+            table(("force of", "x", "y", "z"), forces),
+            *([table(("cable", "tension", "length"), cables)] if cables else []),
+        ),
         views.script(),
     ]
     return document(title, body)

@@ -109,6 +109,11 @@ class Table:
         return f"{heading}{note}{table(self.columns, self.plain_rows, marked=self.marked)}"
 
 
+def beside(figure: str, *parts: str) -> str:
+    """A picture with other pieces of HTML beside it."""
+    return f'<div class="beside">{figure}<div>{"".join(parts)}</div></div>'
+
+
 def folded(title: str, *parts: str) -> str:
     """Pieces of HTML below a title that opens and closes them."""
     return f"<details><summary>{html.escape(title)}</summary>{''.join(parts)}</details>"

@@ -4,7 +4,7 @@ import html
 import io
 import os
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
@@ -42,7 +42,7 @@ from spinor_geom.render.loop_views import (
     mean_curvature_field,
     patch_faces,
 )
-from spinor_geom.render.page import Views, cell, document, folded, panel, picture, require_html, table
+from spinor_geom.render.page import Views, beside, cell, document, folded, panel, picture, require_html, table
 from spinor_geom.render.scene import Scene
 from spinor_geom.render.thinned import thinned
 
@@ -55,9 +55,9 @@ _KEYS = (
     "others appear when one zooms in."
 )
 _LISTED = ("loop", "points", "perimeter", "size", "centre", "remark")  # columns of the page of loops
+_FILLED = ("loop", "patch", "points", "perimeter", "size", "area", "centre", "reason")  # of the pages of fills
 _MOST_REMARKS = 3  # a longer list is collapsed
 _PIXELS = 144  # of the longer side of a function's picture
-_PAGE_STYLE = "body { max-width: 90rem; margin: 1rem auto } h1 { font-size: 1.5rem; margin: 1rem 0 .5rem }"
 
 
 def report(
@@ -134,14 +134,22 @@ def _fill_page(result: FillResult, name: str, head: Sequence[str], parts: Sequen
             folded("All figures of all loops", f'<div class="all">{_loop_table(result.loops)}</div>'),
             script,
         ],
-        style=_PAGE_STYLE,
     )
 
 
 def loops_page(
-    mesh: MeshFile, loops: Sequence[BoundaryLoop], rows: Sequence[Sequence[str]], *, name: str, up: Literal["y", "z"]
+    mesh: MeshFile,
+    loops: Sequence[BoundaryLoop],
+    rows: Sequence[Sequence[str]],
+    *,
+    left_open: Container[int],
+    name: str,
+    up: Literal["y", "z"],
 ) -> str:
-    """A page with a mesh, its numbered loops, and a table whose head is the first of `rows`."""
+    """A page with a mesh, its numbered loops, and a table whose head is the first of `rows`.
+
+    `left_open` are the loops that a fill of all holes leaves open.
+    """
     whole = mesh.mesh
     shown = _shown(whole, np.concatenate([loop.points for loop in loops] or [whole.vertices[:1]]), MOST_FACES)
     front, _ = loops_scene(whole, loops, up=up)
@@ -156,7 +164,7 @@ def loops_page(
     views, title = Views(), html.escape(f"Boundary loops of {name}")
     places = [rows[0].index(name) for name in _LISTED]
     listed_rows = [[row[place] for place in places] for row in rows[1:]]
-    output, listed = f"filled{Path(name).suffix}", table(_LISTED, listed_rows, by_loop=True)
+    output, listed = f"filled{Path(name).suffix}", table(_LISTED, listed_rows, marked=left_open, by_loop=True)
     command = (
         '<p class="command"><code data-command="'
         + html.escape(f"spinor-geom fill {shlex.quote(name)} -o {output}")
@@ -165,13 +173,14 @@ def loops_page(
     body = [
         f"<h1>{title}</h1>",
         f"<p>{len(loops)} {'loop' if len(loops) == 1 else 'loops'}. A click on a rim or its button: filled by a film "
-        "(orange), a smooth continuation (green), or left open (blue). The command does what is chosen.</p>",
+        "(orange), a smooth continuation (green), or left open (blue). The button of all leaves out those in red, as a "
+        "fill of all holes does. The command does what is chosen.</p>",
         command,
-        f'<div class="beside">{views.figure(scene)}<div class="all">{listed}</div></div>',
+        beside(views.figure(scene), f'<div class="all">{listed}</div>'),
         f"<p><small>{_KEYS} A click on a row shows its loop.</small></p>",
         views.script(),
     ]
-    return document(title, body, style=_PAGE_STYLE)
+    return document(title, body)
 
 
 def _how(result: FillResult) -> str:
@@ -247,14 +256,14 @@ def _scenes(
         parts.append(f"<p>Only the {len(details)} longest loops with exact surfaces have details.</p>")
     scales = scene.colour_scales
     main = views.figure(scene)
-    beside = "".join(
+    planes = "".join(
         f'<div data-loop="{one.outcome.index}">{views.figure(one.plane_scene(scales))}'
         f"{views.figure(one.sphere_scene(scales))}</div>"
         for one in details
     )
     listed = f'<div class="all">{_short_table(result.loops)}</div>' if result.loops else ""
-    mathematics = folded("Mathematics: Ω and the Gauss map", beside) if details else ""
-    return [*parts, f'<div class="beside">{main}<div>{listed}{mathematics}</div></div>']
+    mathematics = folded("Mathematics: Ω and the Gauss map", planes) if details else ""
+    return [*parts, beside(main, listed, mathematics)]
 
 
 def _short_table(outcomes: Sequence[LoopOutcome]) -> str:
@@ -262,10 +271,11 @@ def _short_table(outcomes: Sequence[LoopOutcome]) -> str:
     rows = []
     for outcome in outcomes:
         how = outcome.kind or ("border" if outcome.is_border else "no" if outcome.requested else "left open")
-        size, area = f"{outcome.loop.diagonal:.4g}", cell(outcome.area)
-        rows.append([str(outcome.index), how, str(len(outcome.loop)), size, area, outcome.reason])
+        loop, centre = outcome.loop, " ".join(f"{x:.4g}" for x in outcome.loop.centroid.tolist())
+        figures = [str(len(loop)), f"{loop.perimeter:.5g}", f"{loop.diagonal:.4g}", cell(outcome.area), centre]
+        rows.append([str(outcome.index), how, *figures, outcome.reason])
     bad = [k for k, outcome in enumerate(outcomes) if outcome.requested and not outcome.converged]
-    return table(("loop", "patch", "points", "size", "area", "reason"), rows, marked=bad, by_loop=True)
+    return table(_FILLED, rows, marked=bad, by_loop=True)
 
 
 def _shown(mesh: TriangleMesh, points: np.ndarray, most: int) -> TriangleMesh:

@@ -396,14 +396,23 @@
       });
       command.textContent = options.join("") ? command.dataset.command + options.join("") : "choose a loop first";
     };
-    const next = (loop) => {
-      chosen[loop] = ((chosen[loop] || 0) + 1) % ways.length;
+    const fill = (loop, way) => {
+      chosen[loop] = way;
       const button = rows.find((row) => row.dataset.row === loop).querySelector("button");
-      button.textContent = ways[chosen[loop]];
-      for (const view of views) view.tint(loop, colours[chosen[loop]]);
+      button.textContent = ways[way];
+      for (const view of views) view.tint(loop, colours[way]);
       write();
     };
-    document.querySelector("tr")?.prepend(make("th", document.createElement("tr"), { scope: "col" }, "fill"));
+    const next = (loop) => fill(loop, ((chosen[loop] || 0) + 1) % ways.length);
+    // as the key a of the window: films for open holes; if none is open, all smooth; if all are smooth, all open
+    const nextOfAll = () => {
+      const holes = rows.filter((row) => !row.matches(".missed")).map((row) => row.dataset.row);
+      const open = holes.filter((loop) => !chosen[loop]), way = holes.every((loop) => chosen[loop] === 2) ? 0 : 2;
+      if (open.length) for (const loop of open) fill(loop, 1); else for (const loop of holes) fill(loop, way);
+    };
+    const head = make("th", document.createElement("tr"), { scope: "col" });
+    make("button", head, { type: "button", "aria-label": "fill all holes" }, "all").addEventListener("click", nextOfAll);
+    document.querySelector("tr")?.prepend(head);
     for (const row of rows) {
       const cell = document.createElement("td"), loop = row.dataset.row;
       row.prepend(cell);

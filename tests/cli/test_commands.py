@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 from spinor_geom.adapters import read_mesh
+from spinor_geom.bench.holes import plane_square
 from spinor_geom.cli import console
 from spinor_geom.cli.main import build_parser, main
 from spinor_geom.fill.fill_hole import fill_hole
@@ -293,6 +294,14 @@ def test_loops_as_json_are_those_of_boundary_loops(mesh_path: Path, capsys: pyte
         assert entry["perimeter"] == loop.perimeter
 
 
+def test_borders_of_sheets_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = write_obj(tmp_path / "sheet.obj", *plane_square(6))
+    assert main(["loops", str(path)]) == 0
+    assert "border of a sheet, left open unless named" in capsys.readouterr().out
+    assert main(["loops", str(path), "--json"]) == 0
+    assert [entry["border"] for entry in json.loads(capsys.readouterr().out)] == [True]
+
+
 def test_a_closed_mesh_has_no_loops(mesh_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     closed = tmp_path / "closed.obj"
     assert main(["fill", str(mesh_path), "-o", str(closed)]) == 0
@@ -427,7 +436,7 @@ def test_too_little_memory_is_one_sentence_and_status_2(
     def fails(*_: object, **__: object) -> None:
         raise MemoryError(message)
 
-    monkeypatch.setattr("spinor_geom.cli.loops.find_boundary_loops", fails)
+    monkeypatch.setattr("spinor_geom.cli.loops.Filling", fails)
     assert main(["loops", str(mesh_path)]) == 2
     assert capsys.readouterr().err == f"spinor-geom: {message or 'there is not enough memory'}\n"
 

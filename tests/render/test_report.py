@@ -24,7 +24,7 @@ from spinor_geom.render.loop_views import DISTANCE, GAUSS, MEAN, loop_views
 from spinor_geom.render.page import Views
 from spinor_geom.render.report import _shown
 from tests.browser import Visit, visit
-from tests.fill.shapes import collar, figure_eight, obj_text, tube
+from tests.fill.shapes import collar, figure_eight, obj_text, together, tube
 from tests.render.test_png import green_tube
 
 
@@ -278,4 +278,20 @@ def test_a_click_on_a_rim_of_the_page_of_loops_writes_the_command(chromium: Any,
         assert page.evaluate(written) == "spinor-geom fill 'a tube.obj' -o filled.obj --film 0-1"
         page.locator("tr[data-row='0'] button").click()
         assert page.evaluate(written) == "spinor-geom fill 'a tube.obj' -o filled.obj --film 1 --smooth 0"
+        assert opened.errors == []
+
+
+def test_the_button_of_all_loops_leaves_out_borders(chromium: Any, tmp_path: Path) -> None:
+    path = tmp_path / "tube_and_sheet.obj"
+    write_triangles(*together(tube(), plane_square(12)), path)  # the longest loop is the border of the sheet
+    assert main(["loops", str(path), "--html", str(tmp_path / "loops.html")]) == 0
+    with visit(chromium, (tmp_path / "loops.html").as_uri(), ready=True) as opened:
+        assert "border of a sheet" in opened.page.locator("tr[data-row='0']").inner_text()
+        opened.page.locator("tr[data-row='2'] button").click()
+        opened.page.locator("tr[data-row='2'] button").click()
+        seen = []
+        for _ in range(4):
+            opened.page.locator("th button").click()
+            seen.append(opened.page.locator("[data-command]").inner_text().partition("filled.obj")[2])
+        assert seen == [" --film 1 --smooth 2", " --smooth 1-2", "", " --film 1-2"]
         assert opened.errors == []
