@@ -99,13 +99,10 @@ class FileContents:
         """
         if self.corner_uv is None:
             return self
-        from scipy.spatial import KDTree  # slow to import
-
         (table, own), corners = self.corner_uv, self.polygons.corners
         if len(corners) > len(own):
-            used, first = np.unique(corners[: len(own)], return_index=True)
-            centres = self.vertices[corners[len(own) :].reshape(-1, 3)].mean(axis=1)
-            own = np.append(own, np.repeat(own[first[KDTree(self.vertices[used]).query(centres)[1]]], 3))
+            new = corners[len(own) :].reshape(-1, 3)
+            own = np.append(own, np.repeat(nearest_rows(own, corners[: len(own)], self.vertices, new), 3))
         pairs, pair_of = np.unique(corners * len(table) + own, return_inverse=True)
         vertex, row = np.divmod(pairs, len(table))
         repeated = np.diff(vertex, prepend=-1) == 0
@@ -122,6 +119,17 @@ class FileContents:
             several=tuple(what for what in self.several if what != UV),
             corner_uv=None,
         )
+
+
+def nearest_rows(
+    rows: Int[np.ndarray, "c *k"], corners: Int[np.ndarray, " c"], vertices: Float[np.ndarray, "v 3"], new: np.ndarray
+) -> Int[np.ndarray, "n *k"]:
+    """For each new triangle (n, 3) what `rows` has for the corner of old faces that is nearest to its centre."""
+    from scipy.spatial import KDTree  # slow to import
+
+    used, first = np.unique(corners, return_index=True)
+    nearest = KDTree(vertices[used]).query(vertices[new].mean(axis=1))[1]
+    return np.asarray(rows[first[nearest]])
 
 
 def malformed(place: str, problem: str, advice: str = "check that the file is complete") -> MeshFileError:

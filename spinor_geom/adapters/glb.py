@@ -30,6 +30,8 @@ MOST_ROWS = 10_000_000
 ROWS_OF_A_PRIMITIVE = 100  # the memory of its Python objects, in rows
 COPIED = ("JOINTS_", "WEIGHTS_", "TANGENT")  # from the nearest old vertex: they cannot be averaged
 NAMES = {"COLOR_0": "color", "NORMAL": "normal", "TEXCOORD_0": "uv"}
+# properties of a material with a texture that other formats have as well, or that its colour does not depend on
+_CONVERTED = ("name", "doubleSided", "pbrMetallicRoughness", "baseColorTexture", "metallicFactor", "roughnessFactor")
 
 
 def read_glb(data: bytes) -> FileContents:
@@ -96,7 +98,13 @@ def _appearance(container: GlbContainer, pieces: Sequence[PlacedPrimitive]) -> A
     names = tuple(unquote(uri) for uri in outside if not uri.startswith("data:"))
     try:
         (material,) = {primitive.get("material") for primitive in _primitives(container, pieces)}
-        described = tree["materials"][material]["pbrMetallicRoughness"]["baseColorTexture"]
+        own = tree["materials"][material]
+        described = own["pbrMetallicRoughness"]["baseColorTexture"]
+        others = [
+            name
+            for name, value in {**own, **own["pbrMetallicRoughness"]}.items()
+            if name not in _CONVERTED and (name, value) != ("baseColorFactor", [1, 1, 1, 1])
+        ]
         image = tree["images"][tree["textures"][described["index"]]["source"]]
         data = container.views[image["bufferView"]]
         suffix = next(key for key, kind in EMBEDDED.items() if kind == image["mimeType"])
@@ -104,7 +112,7 @@ def _appearance(container: GlbContainer, pieces: Sequence[PlacedPrimitive]) -> A
     except (ValueError, TypeError, KeyError, IndexError, AttributeError, StopIteration):  # of another form
         return Appearance(names=names, has_several="textures" in tree)
     texture = Texture(data=data, name=f"texture{suffix}") if data and is_plain else None
-    return Appearance(names=names, texture=texture)
+    return Appearance(names=names, texture=texture, others=tuple(others))
 
 
 def _appended(data: bytes, pieces: Sequence[PlacedPrimitive], extension: MeshExtension) -> bytes:

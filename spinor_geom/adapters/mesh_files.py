@@ -17,7 +17,7 @@ from jaxtyping import Float, Int
 from spinor_geom.adapters.contents import UV, FileContents, is_held_in_single_precision, malformed
 from spinor_geom.adapters.glb import encode_glb, glb_offset, names_in_glb, read_glb
 from spinor_geom.adapters.library_files import encode_vtk, read_vtk
-from spinor_geom.adapters.obj import encode_obj, material_library, read_obj
+from spinor_geom.adapters.obj import OWN_GROUP, encode_obj, material_library, read_obj
 from spinor_geom.adapters.off import encode_off, read_off
 from spinor_geom.adapters.ply import encode_ply, names_in_ply, read_ply
 from spinor_geom.adapters.polygon_faces import Polygons, close_seams
@@ -214,7 +214,7 @@ class MeshFile(Shown):
         notes = [
             f"the new faces have no {what}: {why}" if follows else f"the {what} are left out: {why}"
             for what in self.contents.several
-            if added or not follows
+            if (added or not follows) and not (follows and what == UV and self.contents.corner_uv is not None)
         ]
         if appearance is None:
             return notes, {}, None
@@ -228,9 +228,14 @@ class MeshFile(Shown):
             return notes + named.notes, named.files, None
         texture = appearance.texture or named.texture
         if texture is not None and texture.media_type and suffix in TEXTURED and "uv" in self.contents.attributes:
+            if others := [one[:40] for one in sorted({*appearance.others, *named.others})]:
+                more = f", and {len(others) - 5} more" if len(others) > 5 else ""
+                notes.append(f"only the image of colours is kept of the materials, not {', '.join(others[:5])}{more}")
             return notes, {}, texture
-        reason = f"{suffix} files hold none" if suffix not in TEXTURED else "only a single texture can be converted"
-        if suffix in TEXTURED and "uv" not in self.contents.attributes:
+        reason = "only a single image of colours can be converted"
+        if suffix not in TEXTURED:
+            reason = f"{suffix} files hold none"
+        elif "uv" not in self.contents.attributes:
             reason = "vertices have no texture coordinates of their own"
         return [*notes, *named.notes, f"the materials and textures are left out: {reason}"], {}, None
 
@@ -256,10 +261,11 @@ class MeshFile(Shown):
 
     def _with_uv_for(self, suffix: str) -> tuple[MeshFile, list[str]]:
         """The file with texture coordinates of corners at vertices, if a format needs that, and sentences about it."""
-        if self.contents.corner_uv is None or suffix not in TEXTURED or self._follows(suffix):
+        if self.contents.corner_uv is None or suffix not in TEXTURED:
             return self, []
         note = f"each new face has the colour of the nearest old vertex, because some have several {UV}"
-        return replace(self, contents=self.contents.split()), [note] * (len(self.polygons) > self.read_sizes[1])
+        notes = [note] * (len(self.polygons) > self.read_sizes[1])
+        return self if self._follows(suffix) else replace(self, contents=self.contents.split()), notes
 
     def left_out(self, suffix: str) -> tuple[str, ...]:
         """A sentence for each attribute that a file of a format (such as ".ply") cannot hold, and as for `write`."""
@@ -274,6 +280,8 @@ class MeshFile(Shown):
         kept = FORMATS[suffix].names(self.contents)
         why = f"left out: {suffix} files do not support it, its name, or its number of columns"
         notes = [f"the attribute {name!r} is {why}" for name in self.contents.attributes if name not in kept]
+        if sum(bool(name) and not OWN_GROUP.search(name) for name in self.contents.names) > 1:
+            notes.append("the names of objects and groups are left out")
         if not FORMATS[suffix].holds_nan and len(nonfinite_rows(self.contents.vertices)):
             notes.append(f"NaN and infinite positions are those of other vertices: {suffix} files hold no such numbers")
         if suffix == ".glb" and (offset := glb_offset(self.contents)).any():

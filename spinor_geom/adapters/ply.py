@@ -1,14 +1,14 @@
 """PLY, text and binary: polygons and all properties of vertices; other elements are kept when a file is extended."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinor_geom.adapters.contents import BYTE_ORDER_MARK, FileContents, color_scale_of, malformed
+from spinor_geom.adapters.contents import BYTE_ORDER_MARK, UV, FileContents, color_scale_of, malformed, nearest_rows
 from spinor_geom.adapters.polygon_faces import Polygons, seam_representatives
 from spinor_geom.adapters.records import Element, Property, Records, binary_records, parse_rows, read_binary, split_rows
 from spinor_geom.adapters.textures import Appearance
@@ -31,6 +31,7 @@ GROUPS: Mapping[str, tuple[tuple[str, ...], ...]] = {
     "normal": (("nx", "ny", "nz"),),
     "uv": (("s", "t"), ("u", "v"), ("texture_u", "texture_v")),
 }
+CORNER_UV, IMAGE_OF_FACE = "texcoord", "texnumber"  # properties of faces: two numbers a corner, an index of an image
 FACE_LISTS = ("vertex_indices", "vertex_index")
 STRIPS = "tristrips"  # the element of triangle strips; −1 begins another strip
 TEXTURE = re.compile(rb"^comment TextureFile ([^\r\n]{1,1000})", re.MULTILINE)  # as MeshLab writes it
@@ -143,6 +144,13 @@ def contents_of_records(records: Records, *, suffix: str) -> FileContents:
     patches = None
     if faces is not None and not has_strips and "patch" not in faces.lengths:
         patches = faces.values.get("patch")
+    corner_uv, of_new_faces = None, None
+    if faces is not None and not has_strips and CORNER_UV in faces.lengths and "uv" not in groups:
+        sizes = faces.lengths[corner_list]
+        if np.array_equal(faces.lengths[CORNER_UV], 2 * sizes):
+            table, rows = np.unique(faces.values[CORNER_UV].reshape(-1, 2), axis=0, return_inverse=True)
+            corner_uv = as_float64(table), rows.ravel()
+            of_new_faces = partial(_of_new_faces, faces, corner_uv, polygons.corners, points)
     wrong, color_scale = nonfinite_rows(points).tolist() if vertices.lines else [], 1.0
     if "color" in groups:
         stored = vertices.values[groups["color"][0]].dtype
@@ -160,10 +168,12 @@ def contents_of_records(records: Records, *, suffix: str) -> FileContents:
         face_loops=patches.astype(np.int64) if patches is not None and patches.dtype.kind == "i" else None,
         representatives=seam_representatives(points, polygons, appearance),
         nonfinite_places={vertex: vertices.line(vertex) for vertex in wrong},
+        several=() if corner_uv is None else (UV,),
+        corner_uv=corner_uv,
         # strips cannot be extended; many programs read them only where there are no faces
         suffix="" if has_strips else suffix,
         notes=("triangle strips were changed into faces",) if has_strips else (),
-        appended=None if has_strips else partial(_appended, records, groups, corner_list),
+        appended=None if has_strips else partial(_appended, records, groups, corner_list, of_new_faces),
     )
 
 
@@ -198,9 +208,17 @@ def _triangles_of_strips(strips: Element, vertices: int) -> Int[np.ndarray, "t 3
 
 
 def _appended(
-    records: Records, groups: Mapping[str, tuple[str, ...]], corner_list: str, extension: MeshExtension
+    records: Records,
+    groups: Mapping[str, tuple[str, ...]],
+    corner_list: str,
+    of_new_faces: Callable[[MeshExtension], dict[str, np.ndarray]] | None,
+    extension: MeshExtension,
 ) -> bytes:
-    """The file with records added; new faces get the most frequent values, a colour as a whole, and lists of zeros."""
+    """The file with records added.
+
+    New faces get the most frequent values, a colour as a whole, and lists of zeros, but the texture of the nearest old
+    vertex.
+    """
     vertices = dict(zip("xyz", extension.vertices.T, strict=True))
     for attribute, names in groups.items() if len(extension.vertices) else ():
         vertices |= dict(zip(names, extension.vertex_attributes[attribute].T, strict=True))
@@ -213,7 +231,24 @@ def _appended(
         faces |= dict(zip(names, np.repeat(row, count, axis=0).T, strict=True))
     for name, lengths in own.lengths.items():
         faces[name] = np.zeros((count, int(most_frequent_row(lengths)[0])))
+    faces |= {} if of_new_faces is None else of_new_faces(extension)
     return records.appended({"vertex": vertices, "face": faces | {corner_list: extension.faces}})
+
+
+def _of_new_faces(
+    faces: Element,
+    corner_uv: tuple[Float[np.ndarray, "n 2"], Int[np.ndarray, " c"]],
+    corners: Int[np.ndarray, " c"],
+    points: Float[np.ndarray, "v 3"],
+    extension: MeshExtension,
+) -> dict[str, np.ndarray]:
+    """The texture coordinates of new faces, and the image if there are several: those of the nearest old corner."""
+    table, own = corner_uv
+    face_of_corner = np.repeat(np.arange(faces.count), faces.lengths[CORNER_UV] // 2)
+    every = np.concatenate([points, extension.vertices])
+    row, face = nearest_rows(np.stack([own, face_of_corner], axis=1), corners, every, extension.faces).T
+    images = {IMAGE_OF_FACE: faces.values[IMAGE_OF_FACE][face]} if IMAGE_OF_FACE in faces.values else {}
+    return {CORNER_UV: np.tile(table[row], 3), **images}
 
 
 def names_in_ply(contents: FileContents) -> dict[str, tuple[str, ...]]:

@@ -134,7 +134,7 @@ def set_array(data: Any, name: str, values: np.ndarray) -> None:
         return
     from pyvista import convert_string_array
 
-    texts = convert_string_array(np.empty(0, "U1"), name)
+    texts: Any = convert_string_array(np.empty(0, "U1"), name)
     texts.SetNumberOfComponents(values.size // max(len(values), 1))
     for text in values.ravel().tolist():
         texts.InsertNextValue(text)

@@ -32,9 +32,13 @@ LIBRARY, IMAGES = ".mtl", (".png", ".jpg", ".jpeg", ".bmp", ".tga", ".tif", ".ti
 EMBEDDED = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}  # in GLB, with their media types
 MOST_BYTES = 1 << 30  # of all files of one mesh
 MOST_FILES = 256  # that are looked for
-_IMAGE = re.compile(r"(map_\w+|bump|disp|decal|refl|norm)\s+(.+)", re.IGNORECASE)
-_QUOTED = re.compile(r'^.*(?="[^"]+"$)')  # what stands before a quoted name
-_COLOUR_IMAGE = "map_kd"
+# the keyword, options such as "-s 1 1 1" or "-clamp on", and the name, which may have spaces and quotes
+_IMAGE = re.compile(
+    r"(map_\w+|bump|disp|decal|refl|norm)\s+((?:-\w+\s+(?:(?:on|off|[rgbmlz]|sphere|cube_\w+|[-+.\d]+(?:e[-+]?\d+)?)\s+)*)*)(.+)",
+    re.IGNORECASE,
+)
+_COLOUR_IMAGE, _LINES = "map_kd", re.MULTILINE | re.IGNORECASE
+_HAS_IMAGE = re.compile(r"^\s*map_kd\s", _LINES)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -90,6 +94,7 @@ class Appearance:
     names: tuple[str, ...] = ()
     texture: Texture | None = None
     has_several: bool = False  # whether textures are inside that no other format of ours holds
+    others: tuple[str, ...] = ()  # properties of the materials besides the texture
 
 
 @dataclass(kw_only=True, eq=False)
@@ -101,6 +106,7 @@ class Companions:
     notes: list[str] = field(default_factory=list)
     colours: set[str] = field(default_factory=set)  # names of the images of colours
     tried: set[str] = field(default_factory=set)  # names that were looked for
+    others: set[str] = field(default_factory=set)  # properties of the materials besides images of colours
 
     @classmethod
     def of(cls, folder: Path, names: Iterable[str]) -> Companions:
@@ -112,15 +118,19 @@ class Companions:
                 found.colours.add(_slashes(name))
         for library in [name for name in found.files if name.lower().endswith(LIBRARY)]:
             inside = PurePosixPath(library).parent
-            for line in found.files[library].decode("utf-8", "replace").splitlines():
+            text = found.files[library].decode("utf-8", "replace")
+            for material in re.split(r"^\s*newmtl\s+(?=\S)", text, flags=_LINES)[1:]:
+                if not _HAS_IMAGE.search(material):
+                    found.others.add(f"the colour of {material.split(maxsplit=1)[0]}")
+            for line in text.splitlines():
                 if match := _IMAGE.fullmatch(line.strip()):
-                    # after options, which begin with −, names have no spaces, or are quoted
-                    has_options = match[2].startswith("-") and not match[2].endswith('"')
-                    own = match[2].split()[-1] if has_options else _QUOTED.sub("", match[2])
-                    image = str(inside / _slashes(own))
+                    image = str(inside / _slashes(match[3]))
                     found._add(image, IMAGES)
                     if match[1].lower() == _COLOUR_IMAGE:
                         found.colours.add(image)
+                        found.others |= {match[2].strip()} - {""}
+                    else:
+                        found.others.add(match[1])
         return found
 
     @property

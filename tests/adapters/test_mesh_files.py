@@ -250,3 +250,12 @@ def test_a_vertex_that_is_nan_and_in_a_face_is_refused_with_both(tmp_path: Path,
         NonFiniteVertexError, match=rf"^{place}vertex 3 has a NaN .* and is used by face 2; correct it(\n|$)"
     ):
         MeshFile.of_contents(replace(file.contents, polygons=polygons), path=None)
+
+
+def test_names_that_are_left_out_are_told(tmp_path: Path) -> None:
+    text = cube_file(tmp_path).read_text()
+    (tmp_path / "parts.obj").write_text(text.replace("f ", "o roof\nf ", 1) + "o floor\nf 1 2 3\n")
+    file = read_mesh(tmp_path / "parts.obj")
+    assert file.left_out(".obj") == ()
+    assert "the names of objects and groups are left out" in file.left_out(".ply")
+    assert "the names of objects and groups are left out" in file.merged().left_out(".obj")

@@ -142,7 +142,7 @@ def test_lists_beside_the_corners_are_kept(tmp_path: Path) -> None:
     header = (
         "ply\nformat ascii 1.0\nelement vertex 8\nproperty float x\nproperty float y\nproperty float z\n"
         "property list uchar int owners\nelement face 10\nproperty list uchar int vertex_indices\n"
-        "property list uchar float texcoord\nproperty int part\nend_header\n"
+        "property list uchar float weights\nproperty int part\nend_header\n"
     )
     body = "".join(f"{x} {y} {z} 2 5 6\n" for x, y, z in vertices)
     body += "".join(f"3 {a} {b} {c} 6 0 0 1 0 1 1 4\n" for a, b, c in faces)

@@ -67,7 +67,7 @@ def test_files_are_copied_beside_the_output(tmp_path: Path, capsys: pytest.Captu
 def test_texture_seams_go_through_formats(path: tuple[str, ...], tmp_path: Path) -> None:
     rng = np.random.default_rng(3)
     corners = [[(v, uv) for v, uv in zip(face, rng.random((3, 2)).round(4), strict=True)] for face in ICO[:-1]]
-    source = textured(tmp_path / "in", library='"skin.mtl"', image='-s 1 1 1 "maps/the skin.png"')
+    source = textured(tmp_path / "in", library='"skin.mtl"', image='"maps/the skin.png"')
     (source.parent / "maps" / "skin.png").rename(source.parent / "maps" / "the skin.png")
     lines = [f"vt {uv[0]} {uv[1]}\n" for face in corners for _, uv in face]
     lines += [
@@ -103,7 +103,97 @@ def test_what_is_lost_is_told(tmp_path: Path) -> None:
     seam.write_text(f"mtllib skin.mtl\n{CUBE}vn 0 0 1\nf 5/1/1 6/2/1 7/3/1\n")
     notes = " ".join(read_mesh(seam).write(tmp_path / "seam.glb"))
     assert "normals are left out: some vertices have several" in notes
+    assert any("new faces have no normals" in note for note in fill_hole(seam).write(tmp_path / "s.obj"))
+    seam.write_text(f"mtllib skin.mtl\n{CUBE}f 5 6 7\n")
     assert any("new faces have no texture coordinates" in note for note in fill_hole(seam).write(tmp_path / "s.obj"))
+
+
+@pytest.mark.parametrize(
+    ("library", "lost"),
+    [
+        ("newmtl skin\nmap_Kd maps/skin.png\n", None),
+        ("newmtl skin\nmap_Kd -s 2 2 1 maps/skin.png\n", "not -s 2 2 1"),
+        ("newmtl skin\nmap_Kd maps/skin.png\nmap_Bump -bm 0.5 maps/bumps.png\n", "not map_Bump"),
+        ("newmtl skin\nmap_Kd maps/skin.png\nnewmtl red paint\nKd 1 0 0\n", "not the colour of red"),
+        (
+            "newmtl skin\nmap_Kd maps/skin.png\n" + "".join(f"newmtl m{k}\n" for k in range(7)),
+            "m0, the colour of m1, the colour of m2, the colour of m3, the colour of m4, and 2 more",
+        ),
+    ],
+)
+def test_what_materials_have_besides_an_image_is_told(library: str, lost: str | None, tmp_path: Path) -> None:
+    source = textured(tmp_path / "in")
+    (source.parent / "skin.mtl").write_text(library)
+    for suffix in (".glb", ".ply"):
+        notes = read_mesh(source).write(tmp_path / f"mesh{suffix}")
+        assert [(lost or "") in note for note in notes] == [True] * (lost is not None), notes
+        assert lost is None or lost in notes[0]
+        assert read_mesh(tmp_path / f"mesh{suffix}").textured(8) is not None
+    assert read_mesh(source).write(tmp_path / "same.obj")[1:] == ()
+
+
+@pytest.mark.parametrize("quote", ["", '"'])
+def test_names_with_spaces_follow_options(quote: str, tmp_path: Path) -> None:
+    source = textured(tmp_path / "in", image=f"-s 1 1.5e0 1 -clamp on -mm 0 1 {quote}maps/my skin.png{quote}")
+    (source.parent / "maps" / "skin.png").rename(source.parent / "maps" / "my skin.png")
+    assert read_mesh(source).textured(8) is not None
+
+
+def test_new_faces_have_the_material_of_the_nearest_old_ones(tmp_path: Path) -> None:
+    t = 2 * np.pi * np.arange(12) / 12
+    rings = [f"v {np.cos(a):.4f} {np.sin(a):.4f} {z}\n" for z in range(3) for a in t]
+    uses = ["usemtl 50% below\n", "usemtl above\n"]
+    around = [(0, 0, 1), (0, 1, 2), (1, 1, 3), (1, 0, 4)]
+    faces = [
+        "f " + " ".join(f"{12 * (row + up) + (i + right) % 12 + 1}/{uv}" for up, right, uv in around)
+        for row in range(2)
+        for i in range(12)
+    ]
+    text = "".join(rings) + "vt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n"
+    text += uses[0] + "\n".join(faces[:12]) + "\n" + uses[1] + "\n".join(faces[12:]) + "\n"
+    (tmp_path / "tube.obj").write_text(text)
+    fill_hole(tmp_path / "tube.obj").write(tmp_path / "filled.obj")
+    added = (tmp_path / "filled.obj").read_text().removeprefix(text)
+    patches = re.findall(r"g spinor_geom_fill_(\d)\n(usemtl [^\n]*)?\n?(.*?)(?=g |\Z)", added, re.DOTALL)
+    heights = {}
+    for number, use, lines in patches:
+        points = read_mesh(tmp_path / "filled.obj").contents.vertices
+        corners = [int(word) - 1 for word in re.findall(r" (\d+)/", lines)]
+        heights[number] = points[corners, 2].mean(), use or "usemtl above"
+    assert {use + "\n" for _, use in heights.values()} == set(uses)
+    assert all((height < 1) == (use == "usemtl 50% below") for height, use in heights.values())
+
+
+@pytest.mark.parametrize("suffix", [".obj", ".glb", ".ply"])
+@pytest.mark.parametrize("order", ["ascii", "binary_little_endian"])
+def test_texture_coordinates_of_faces_in_ply_files(suffix: str, order: str, tmp_path: Path) -> None:
+    (tmp_path / "skin.png").write_bytes(png())
+    faces = ICO[:-1]
+    uv = np.random.default_rng(4).integers(0, 64, (len(faces), 3, 2)) / 64
+    header = f"ply\nformat {order} 1.0\ncomment TextureFile skin.png\nelement vertex {len(ICOSAHEDRON.vertices)}\n"
+    header += "".join(f"property double {name}\n" for name in "xyz")
+    header += f"element face {len(faces)}\nproperty list uchar int vertex_indices\n"
+    header += "property list uchar float texcoord\nproperty int texnumber\nend_header\n"
+    if order == "ascii":
+        body = "".join(f"{x!r} {y!r} {z!r}\n" for x, y, z in ICOSAHEDRON.vertices.tolist()).encode()
+        for face, own in zip(faces, uv.reshape(-1, 6).tolist(), strict=True):
+            body += f"3 {' '.join(map(str, face))} 6 {' '.join(map(str, own))} 0\n".encode()
+    else:
+        body = np.asarray(ICOSAHEDRON.vertices, dtype="<f8").tobytes()
+        for face, own in zip(faces, uv.reshape(-1, 6).tolist(), strict=True):
+            body += struct.pack("<B3iB6fi", 3, *face, 6, *own, 0)
+    (tmp_path / "mesh.ply").write_bytes(header.encode() + body)
+    filled = fill_hole(tmp_path / "mesh.ply")
+    assert isinstance(filled, MeshFile)
+    (tmp_path / "out").mkdir()
+    (note,) = filled.write(tmp_path / "out" / f"filled{suffix}")
+    assert "each new face has the colour of the nearest" in note
+    contents = read_mesh(tmp_path / "out" / f"filled{suffix}").contents.split()
+    got = contents.attributes["uv"][contents.polygons.corners].reshape(-1, 3, 2)
+    np.testing.assert_allclose(got[: len(faces)], uv, atol=1e-6)
+    assert len(got) > len(faces)
+    assert np.ptp(got[len(faces) :], axis=1).max() == 0
+    assert read_mesh(tmp_path / "out" / f"filled{suffix}").textured(8) is not None
 
 
 def as_link(folder: Path) -> None:

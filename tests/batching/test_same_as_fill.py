@@ -101,7 +101,8 @@ def both_filled(
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("spinor_geom.cli.fill.fill_hole", recording)
-        status = main(["fill", str(path), "-o", str(output), *command_line(options)])
+        report = output.with_suffix(".json")
+        status = main(["fill", str(path), "-o", str(output), "--report", str(report), *command_line(options)])
     return status, results[0] if results else filled(path, own)
 
 
@@ -134,6 +135,8 @@ def require_same(folder: Path, output: Path, capsys: pytest.CaptureFixture[str],
             continue
         _, result = outcome
         report = without_seconds(json.loads(json_text(result.to_dict())))
+        told = json.loads(alone.with_suffix(".json").read_text(encoding="utf-8"))["notes"]
+        report["notes"] = [note.removeprefix(f"{alone}: ") for note in told]
         for entry, expected in zip(without_seconds(found["loops"]), report.pop("loops"), strict=True):
             assert entry | expected == entry, where
         assert {key: found[key] for key in report} == report, where
