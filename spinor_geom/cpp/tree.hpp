@@ -25,6 +25,9 @@ public:
         require_numbers(order_.size());
         std::iota(order_.begin(), order_.end(), 0);
         if (!order_.empty()) build(0, static_cast<int>(order_.size()));
+        // the points of a node side by side in memory
+        points_ = in_order(points_);
+        if (!radii_.empty()) radii_ = in_order(radii_);
     }
 
     // Numbers and squared distances of up to `count` nearest points within `squared`, ascending. Returns the number found.
@@ -41,7 +44,7 @@ public:
             if (node.left < 0) {
                 for (int k = node.first; k < node.last; ++k) {
                     const int i = order_[k];
-                    const double d = dot(points_[i] - p, points_[i] - p);
+                    const double d = dot(points_[k] - p, points_[k] - p);
                     if (d > squared) continue;
                     int at = found;
                     while (at > 0 && (distance[at - 1] > d || (distance[at - 1] == d && number[at - 1] > i))) --at;
@@ -69,22 +72,24 @@ public:
     bool any_around(P p, Accept accept) const {
         return any_in(
             [&](const Node& node) { return node.squared_distance(p) <= node.radius * node.radius; },
-            [&](int i) { return dot(points_[i] - p, points_[i] - p) < radii_[i] * radii_[i] && accept(i); });
+            [&](int k) { return dot(points_[k] - p, points_[k] - p) < radii_[k] * radii_[k] && accept(order_[k]); });
     }
 
     // Calls a function with the number of each point whose distance from a segment is at most its radius and `slack`.
     template <typename Function>
     void each_along(P start, P along, double slack, TimeLimit& limit, Function function) const {
         const double squared = dot(along, along);
+        const P inverse{reciprocal(along.x), reciprocal(along.y), reciprocal(along.z)};
         any_in(
             [&](const Node& node) {
                 limit.require_time();
-                return node.meets(start, along, node.radius + slack);
+                return node.meets(start, inverse, node.radius + slack);
             },
-            [&](int i) {
-                const P to = points_[i] - start;
+            [&](int k) {
+                const P to = points_[k] - start;
                 const double share = squared > 0 ? std::clamp(dot(to, along) / squared, 0.0, 1.0) : 0.0;
-                if (length(to - share * along) <= radii_[i] + slack) function(i);
+                const P off = to - share * along;
+                if (dot(off, off) <= (radii_[k] + slack) * (radii_[k] + slack)) function(order_[k]);
                 return false;
             });
     }
@@ -95,16 +100,14 @@ private:
         double radius;
         int first, last, left, right;
 
-        // Whether a segment meets the box, wider by a margin on each side.
-        bool meets(P start, P along, double margin) const {
+        // Whether a segment meets the box, wider by a margin on each side. `inverse` has the reciprocals of its sides.
+        bool meets(P start, P inverse, double margin) const {
             double first_share = 0, last_share = 1;
             for (int k = 0; k < kDimension<P>; ++k) {
-                const double step = coordinate(along, k);
-                const double from = coordinate(lowest - start, k) - margin, to = coordinate(highest - start, k) + margin;
-                if (step == 0 && (from > 0 || to < 0)) return false;
-                if (step == 0) continue;
-                first_share = std::max(first_share, std::min(from / step, to / step));
-                last_share = std::min(last_share, std::max(from / step, to / step));
+                const double from = (coordinate(lowest - start, k) - margin) * coordinate(inverse, k);
+                const double to = (coordinate(highest - start, k) + margin) * coordinate(inverse, k);
+                first_share = std::max(first_share, std::min(from, to));
+                last_share = std::min(last_share, std::max(from, to));
             }
             return first_share <= last_share;
         }
@@ -117,7 +120,7 @@ private:
 
     static constexpr int kLeaf = 8;
 
-    // Whether `accept` holds for any point below the nodes that `enter` holds for.
+    // Whether `accept` holds for the place in `order_` of any point below the nodes that `enter` holds for.
     template <typename Enter, typename Accept>
     bool any_in(Enter enter, Accept accept) const {
         if (nodes_.empty()) return false;
@@ -132,9 +135,18 @@ private:
                 continue;
             }
             for (int k = node.first; k < node.last; ++k)
-                if (accept(order_[k])) return true;
+                if (accept(k)) return true;
         }
         return false;
+    }
+
+    static double reciprocal(double side) { return 1 / (side == 0 ? kTiny : side); }
+
+    template <class T>
+    std::vector<T> in_order(const std::vector<T>& values) const {
+        std::vector<T> ordered;
+        for (const int i : order_) ordered.push_back(values[i]);
+        return ordered;
     }
 
     int build(int first, int last) {

@@ -10,10 +10,10 @@ from jaxtyping import Int
 from scipy.spatial import cKDTree
 
 from spinor_geom.arrays import shifted
-from spinor_geom.errors import SpinorGeomError, advised_distance, merge_advice
+from spinor_geom.errors import advised_distance, merge_advice
 from spinor_geom.mesh.array_checks import nonfinite_rows
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.find_loops import Sheets, find_boundary_loops
+from spinor_geom.mesh.find_loops import Sheets, count_boundary_loops
 from spinor_geom.mesh.topology import SHARE_OF_EDGE, HalfEdges, face_components, linked
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 
@@ -99,10 +99,7 @@ def useful_merging(mesh: TriangleMesh, loops: Sequence[BoundaryLoop]) -> Merging
         return None
     distance, best, left = float(near[is_near].max()), None, len(loops)
     while distance <= SHARE_OF_EDGE * float(edge.max()):
-        try:
-            closed = len(find_boundary_loops(mesh.merged(advised_distance(distance))[0]))
-        except SpinorGeomError:
-            break
+        closed = count_boundary_loops(mesh.merged(advised_distance(distance))[0])
         if closed >= left:
             break
         best, left = Merging(distance, closed), closed

@@ -101,6 +101,11 @@ def find_boundary_loops(mesh: TriangleMesh, sheets: Sheets | None = None) -> lis
     return [loops[k] for k in order.tolist()]
 
 
+def count_boundary_loops(mesh: TriangleMesh) -> int:
+    """The number of loops that `find_boundary_loops` finds."""
+    return len(_traced_loops(Sheets.of(mesh.vertices, mesh.faces)).starts) - 1
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _TracedLoops:
     """Vertices of all boundary loops, and the half-edge from each to the next. Loop k is starts[k]:starts[k + 1]."""

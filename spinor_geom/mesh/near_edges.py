@@ -52,7 +52,7 @@ def found_pairs(
     name: str, count: int, partners: int, arguments: tuple[Any, ...], wanted: Wanted, *, enough: float = math.inf
 ) -> Pairs:
     """The wanted pairs of `count` objects and their partners that a function of the compiled part finds."""
-    near, done = np.empty((max(AT_ONCE, partners), 2), dtype=np.int64), np.zeros(2, dtype=np.int64)
+    near, done = np.empty((AT_ONCE + partners, 2), dtype=np.int64), np.zeros(2, dtype=np.int64)
     found: list[np.ndarray] = []
     while not found or (done[1] < count and sum(map(len, found)) < enough):
         call(name, count, *arguments, int(done[1]), len(near), seconds_left(), near, done)

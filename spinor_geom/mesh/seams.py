@@ -106,6 +106,10 @@ def _points_on_edges(
     """Ends of edges in the interior of other edges: the edge, the entry, its share along the edge, its distance."""
     if not len(edges):
         return edges, edges, np.zeros(0), np.zeros(0)
+    # edges with near ends follow one another, so that the search for each needs much the same memory
+    box = np.ptp(points, axis=0).max()
+    cells = np.floor(5.99 * (points - points.min(axis=0)) / (box or 1.0)).astype(np.int64) @ (1, 6, 36)
+    edges = edges[np.argsort((cells[edges] + 216 * cells[successor[edges]]).astype(np.uint16), kind="stable")]
     ends = successor[edges]
     # one entry for each position, the one with the largest reach
     entries = np.concatenate([edges, ends])

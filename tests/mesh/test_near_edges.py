@@ -5,6 +5,8 @@ import pytest
 
 from spinor_geom.deadline import time_limit
 from spinor_geom.errors import OptionError, OutOfTimeError
+from spinor_geom.kernel import call
+from spinor_geom.mesh import near_edges as near_edges_module
 from spinor_geom.mesh.intersections import _segment_distances
 from spinor_geom.mesh.near_edges import AT_ONCE, near_edges, near_points
 
@@ -89,3 +91,12 @@ def test_few_pairs_are_looked_at_together_even_of_many_segments():
 
     assert near_edges(points, np.roll(points, -1, axis=0), 0.0, wanted).tolist() == [[0, AT_ONCE + 4]]
     assert max(counts) <= AT_ONCE < sum(counts)
+
+
+def test_the_search_tree_of_many_points_is_made_once(monkeypatch):
+    points = np.zeros((AT_ONCE + 5, 3))
+    points[:, 0] = np.arange(len(points))
+    calls = []
+    monkeypatch.setattr(near_edges_module, "call", lambda *arguments: (calls.append(arguments[0]), call(*arguments)))
+    found = near_points(points[:50], points[:50], points, np.full(len(points), 0.5), lambda i, j: i == j)
+    assert (len(found), calls) == (50, ["near_points"])
