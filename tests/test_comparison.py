@@ -22,7 +22,7 @@ from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import mesh_patch
 from spinor_geom.plateau.solve import solve_plateau
 from tests.exact_solutions import ENNEPER, PLANE, exact_solution
-from tests.fill.shapes import tube
+from tests.fill.shapes import circle, collar, spokes, tube
 
 
 @pytest.fixture(scope="module")
@@ -81,13 +81,6 @@ def test_plane_is_the_same_for_both_methods():
     assert comparison.patch_area == pytest.approx(comparison.baseline_area, rel=1e-12)
 
 
-def fan(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Triangles from a rim to its mean."""
-    ring = np.arange(len(points))
-    faces = np.column_stack([ring, np.roll(ring, -1), np.full(len(points), len(points))])
-    return np.vstack([points, points.mean(axis=0)]), faces
-
-
 @pytest.fixture(scope="module")
 def known() -> Any:
     return gallery.enneper(0.8)
@@ -96,11 +89,11 @@ def known() -> Any:
 @pytest.mark.parametrize("points", [24, 64])
 def test_both_meshes_are_measured_against_the_surface_as_its_formula_has_it(known: Any, points: int) -> None:
     rim = known.rim(points)
-    comparison = compare(rim, fan(rim.points))
+    comparison = compare(rim, spokes(rim.points))
     patch = mesh_patch(solve_plateau(rim))
     for found, (vertices, faces) in (
         (comparison.patch_to_surface, (patch.vertices, patch.faces)),
-        (comparison.baseline_to_surface, fan(rim.points)),
+        (comparison.baseline_to_surface, spokes(rim.points)),
     ):
         exact = known.chart.hausdorff(vertices, faces)
         # the rims' points are fitted to 1e-3 of an edge; the chart goes on a little beyond the rim, the surface ends
@@ -112,12 +105,9 @@ def test_both_meshes_are_measured_against_the_surface_as_its_formula_has_it(know
 
 def test_what_a_user_holds_is_compared(known: Any, tmp_path: Path) -> None:
     rim = known.rim(24)
-    vertices, faces = fan(rim.points)
-    wall = rim.points + np.array([0, 0, 1])
-    ring = np.arange(24)
-    after = np.roll(ring, -1)
-    collar = np.concatenate([np.stack([ring, ring + 24, after], 1), np.stack([after, ring + 24, after + 24], 1)])
-    tube = TriangleMesh(np.vstack([rim.points, wall]), collar[:, ::-1])
+    vertices, faces = spokes(rim.points)
+    pipe = collar(rim.points, [0, 0, 1])
+    tube = TriangleMesh(pipe[0], pipe[1][:, ::-1])
     place = next(k for k, loop in enumerate(boundary_loops(tube)) if loop.vertex_ids.max() < 24)
     mine = trimesh.Trimesh(vertices, faces, process=False)
     mine.export(tmp_path / "mine.ply")
@@ -144,26 +134,20 @@ def test_the_patch_of_a_filled_mesh_is_compared(loop: int) -> None:
 
 
 def test_two_rims_are_compared_with_a_strip_of_mine() -> None:
-    t = 2 * np.pi * np.arange(24) / 24
-    circle = np.column_stack([np.cos(t), np.sin(t), 0 * t])
-    ring = np.arange(24)
-    after = np.roll(ring, -1)
-    strip = np.concatenate([np.stack([ring, after, ring + 24], 1), np.stack([after, after + 24, ring + 24], 1)])
-    half = np.array([0, 0, 0.5])
-    rims = [circle - half, circle + half]
-    comparison = compare(rims, (np.vstack(rims), strip))
+    strip = collar(circle(24, height=-0.5), [0, 0, 1])
+    comparison = compare([circle(24, height=-0.5), circle(24, height=0.5)], (strip[0], strip[1][:, ::-1]))
     # the catenoid's neck of 0.848 in a cylinder of radius 1
     assert comparison.baseline_to_surface.max == pytest.approx(1 - 0.848, abs=0.02)
     with pytest.raises(SurfaceError):
-        compare([circle - 4 * half, circle + 4 * half])
+        compare([circle(24, height=-2), circle(24, height=2)])
 
 
 def test_what_cannot_be_compared_is_refused_with_a_sentence(known: Any) -> None:
     rim = known.rim(24)
-    vertices, faces = fan(rim.points)
+    vertices, faces = spokes(rim.points)
     two = TriangleMesh(np.vstack([vertices, vertices + 5]), np.concatenate([faces, faces + 25]))
     with pytest.raises(ForeignRimError, match="mean edges"):
-        compare(rim, fan(1.2 * rim.points))
+        compare(rim, spokes(1.2 * rim.points))
     with pytest.raises(ForeignRimError, match="2 boundary loops"):
         compare(rim, two)
     with pytest.raises(OptionError, match="2 boundary loops"):

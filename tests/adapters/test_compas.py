@@ -10,6 +10,7 @@ from spinor_geom import Cable, fill_hole, solve_membrane, solve_plateau
 from spinor_geom.adapters import extend, to_mesh
 from spinor_geom.errors import OptionError, VertexIndexError
 from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS, lid
+from tests.fill.shapes import circle
 
 geometry, datastructures = pytest.importorskip("compas.geometry"), pytest.importorskip("compas.datastructures")
 
@@ -45,8 +46,7 @@ def test_faces_of_missing_vertices_and_merging_are_refused() -> None:
 
 
 def test_polylines_and_polygons_are_curves() -> None:
-    t = 2 * np.pi * np.arange(48) / 48
-    points = np.column_stack([np.cos(t), np.sin(t), 0.3 * np.cos(2 * t)]).tolist()
+    points = circle(48, bend=0.3).tolist()
     expected = solve_plateau(np.array(points)).area
     for curve in (geometry.Polygon(points), geometry.Polyline([*points, points[0]])):
         assert solve_plateau(curve).area == expected

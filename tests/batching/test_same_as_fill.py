@@ -19,7 +19,7 @@ from spinor_geom.files import MESH_SUFFIXES, json_text, printable
 from spinor_geom.fill.fill_result import FillResult
 from tests.batching.files import record, without_seconds
 from tests.batching.test_task import solved
-from tests.fill.shapes import cylinder, figure_eight, obj_text, tube
+from tests.fill.shapes import circle, collar, cylinder, figure_eight, obj_text, soup, together, tube
 
 Options = dict[str, Any]
 
@@ -30,39 +30,16 @@ def as_obj(vertices: np.ndarray, faces: np.ndarray) -> bytes:
 
 def ring_with_island() -> bytes:
     """A plane ring of triangles with a loose square in its hole."""
-    t = 2 * np.pi * np.arange(16) / 16
-    circle = np.stack([np.cos(t), np.sin(t), 0 * t], axis=1)
-    inner, outer = np.arange(16), np.arange(16, 32)
-    following = np.roll(np.arange(16), -1)
-    faces = [*zip(inner, outer, outer[following], strict=True), *zip(inner, outer[following], following, strict=True)]
     square = np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]]) / 4
-    vertices = np.concatenate([circle, 2 * circle + [0, 0, 1], square])
-    return as_obj(vertices, np.array([*faces, (32, 33, 34), (32, 34, 35)]))
-
-
-def knotted_walls() -> bytes:
-    """A wall over a closed figure eight: both of its rims cross themselves."""
-    rim = figure_eight(12, 0.0)
-    count = len(rim)
-    following = np.roll(np.arange(count), -1)
-    lower = np.arange(count)
-    faces = [
-        *zip(lower, following, following + count, strict=True),
-        *zip(lower, following + count, lower + count, strict=True),
-    ]
-    return as_obj(np.concatenate([rim, np.add(rim, [0, 0, 3])]), np.array(faces))
-
-
-def soup() -> bytes:
-    vertices, faces = tube(12)
-    return as_obj(vertices[faces.ravel()], np.arange(faces.size).reshape(-1, 3))
+    ring = collar(circle(16), circle(16, height=1))
+    return as_obj(*together(ring, (square, np.array([[0, 1, 2], [0, 2, 3]]))))
 
 
 SHAPES: dict[str, Callable[[], bytes]] = {
     "tube.obj": lambda: as_obj(*cylinder(16, 4)),
     "island.obj": ring_with_island,
-    "eight.obj": knotted_walls,
-    "soup.obj": soup,
+    "eight.obj": lambda: as_obj(*collar(figure_eight(12, 0.0), [0, 0, 3])),  # both rims cross themselves
+    "soup.obj": lambda: as_obj(*soup(tube(12))),
     "coloured.obj": lambda: re.sub(rb"(v .*)\n", rb"\1 1 0.5 0\n", as_obj(*cylinder(12, 3))),
     "two\u00a0names.obj": lambda: b"o a\n" + as_obj(*cylinder(12, 3)) + b"g b\n" + b"f 1 2 3\n",
 }

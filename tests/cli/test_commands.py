@@ -22,7 +22,7 @@ from spinor_geom.cli import console
 from spinor_geom.cli.main import build_parser, main
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.loop_choice import boundary_loops
-from tests.fill.shapes import collar, cylinder, figure_eight, obj_text, spiked_tetrahedron, tube
+from tests.fill.shapes import collar, cylinder, figure_eight, obj_text, soup, spiked_tetrahedron, spokes, tube
 from tests.fill.test_bridge import island, places, ring
 from tests.systems import modes, undecodable
 
@@ -217,14 +217,12 @@ def test_continuity_makes_smooth_patches_and_reports_it(tmp_path: Path, capsys: 
 
 
 def test_merge_closes_a_soup(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    vertices, faces = tube()
-    soup = write_obj(tmp_path / "soup.obj", vertices[faces.ravel()], np.arange(faces.size).reshape(-1, 3))
-    output = tmp_path / "filled.obj"
-    assert main(["fill", str(soup), "-o", str(output)]) == 2
+    path, output = str(write_obj(tmp_path / "soup.obj", *soup(tube()))), tmp_path / "filled.obj"
+    assert main(["fill", path, "-o", str(output)]) == 2
     assert "--merge" in capsys.readouterr().err
-    assert main(["fill", str(soup), "-o", str(output), "--merge"]) == 0
+    assert main(["fill", path, "-o", str(output), "--merge"]) == 0
     assert boundary_loops(output) == []
-    assert main(["loops", str(soup), "--merge"]) == 0
+    assert main(["loops", path, "--merge"]) == 0
     assert len(capsys.readouterr().out.splitlines()) == 3
 
 
@@ -466,10 +464,7 @@ def test_compare_prints_figures_and_writes_a_page(
 def test_compare_takes_a_mesh_over_one_loop(
     mesh_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    rim = boundary_loops(mesh_path)[1].points
-    ring = np.arange(len(rim))
-    fan = np.column_stack([ring, np.roll(ring, -1), np.full(len(rim), len(rim))])
-    mine = write_obj(tmp_path / "mine.obj", np.vstack([rim, rim.mean(axis=0)]), fan)
+    mine = write_obj(tmp_path / "mine.obj", *spokes(boundary_loops(mesh_path)[1].points))
     command = ["compare", str(mesh_path), "--with", str(mine)]
     assert main([*command, "--loop", "1"]) == 0
     assert "given mesh" in capsys.readouterr().out

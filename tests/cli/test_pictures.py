@@ -20,6 +20,7 @@ from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.render.camera import Camera
 from spinor_geom.render.fill_scene import fill_scene, loops_scene, up_of
 from spinor_geom.render.portrait import Portrait
+from tests.fill.shapes import circle
 
 pytestmark = pytest.mark.usefixtures("drawn_by_one_process")
 MESH = Path(__file__).parents[2] / "data" / "trimesh_reference.obj"
@@ -134,8 +135,7 @@ def test_the_upward_axis_is_that_of_the_format_in_all_commands(tmp_path: Path, m
 
 def test_a_cad_file_is_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("OCP")
-    t = 2 * np.pi * np.arange(40) / 40
-    film = solve_plateau(np.column_stack([np.cos(t), np.sin(t), 0.3 * np.cos(2 * t)]))
+    film = solve_plateau(circle(40, bend=0.3))
     path = tmp_path / "film.step"
     film.save(path)
     mesh = TriangleMesh(*triangulated(read_shape(path))).merged("rounding")[0]

@@ -9,7 +9,7 @@ from spinor_geom.adapters import read_mesh
 from spinor_geom.cli.main import _with_joined_numbers, main
 from spinor_geom.mesh.find_loops import find_boundary_loops
 from tests.closed import is_watertight
-from tests.fill.shapes import obj_text, tube
+from tests.fill.shapes import circle, obj_text, tube
 
 
 def write_obj(path: Path, *curves: np.ndarray, closed: bool = True) -> Path:
@@ -23,17 +23,12 @@ def write_obj(path: Path, *curves: np.ndarray, closed: bool = True) -> Path:
     return path
 
 
-def circle(height: float, bend: float = 0.0) -> np.ndarray:
-    angle = 2 * np.pi * np.arange(40) / 40
-    return np.column_stack([np.cos(angle), np.sin(angle), height + bend * np.cos(2 * angle)])
-
-
 def test_curves_become_one_film(tmp_path: Path) -> None:
     pytest.importorskip("OCP")
     from spinor_geom.adapters.open_cascade import read_shape
     from tests.open_cascade import free_wires, is_valid
 
-    for curves in ([circle(0, 0.3)], [circle(0), circle(0.7)]):
+    for curves in ([circle(40, bend=0.3)], [circle(40), circle(40, height=0.7)]):
         source = write_obj(tmp_path / "curves.obj", *curves)
         assert main(["solve", str(source), "-o", str(tmp_path / "new" / "film.step")]) == 0
         shape = read_shape(tmp_path / "new" / "film.step")
@@ -63,14 +58,14 @@ def test_a_missed_tolerance_is_status_1(tmp_path: Path, capsys: pytest.CaptureFi
 
 
 def test_bad_input_is_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    source = write_obj(tmp_path / "curve.obj", circle(0, 0.3))
+    source = write_obj(tmp_path / "curve.obj", circle(40, bend=0.3))
     assert main(["solve", str(source), "-o", str(tmp_path / "film.txt")]) == 2
     assert "'.txt' is not a CAD format" in capsys.readouterr().err
     pytest.importorskip("OCP")
     film = str(tmp_path / "film.step")
-    apart = write_obj(tmp_path / "apart.obj", circle(0), circle(9))
+    apart = write_obj(tmp_path / "apart.obj", circle(40), circle(40, height=9))
     for path, message in (
-        (write_obj(tmp_path / "open.obj", circle(0), closed=False), "curve 0: the curve is open"),
+        (write_obj(tmp_path / "open.obj", circle(40), closed=False), "curve 0: the curve is open"),
         (apart, "solve the curves one by one"),
     ):
         assert main(["solve", str(path), "-o", film]) == 2
@@ -81,7 +76,7 @@ def test_bad_input_is_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture
 
 
 def test_a_mesh_or_a_solid_is_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    source = str(write_obj(tmp_path / "curves.obj", circle(0, 0.3)))
+    source = str(write_obj(tmp_path / "curves.obj", circle(40, bend=0.3)))
     film, solid = tmp_path / "film.ply", tmp_path / "solid.stl"
     assert main(["solve", source, "-o", str(film), "--edge-length", "0.05"]) == 0
     assert len(find_boundary_loops(read_mesh(film).mesh)) == 1
@@ -107,7 +102,7 @@ def test_numbers_of_loops_may_be_apart(given: list[str], joined: list[str]) -> N
 
 
 def test_gaps_of_curves_are_closed_up_to_a_share_of_an_edge(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    ring = circle(0, 0.3)
+    ring = circle(40, bend=0.3)
     edge = float(np.linalg.norm(ring[1] - ring[0]))
     for gap, options, status in ((1e-4, [], 0), (1e-2, [], 2), (1e-2, ["--closing", "0.1"], 0)):
         nearly = np.vstack([ring, ring[:1] + np.array([0, 0, gap * edge])])

@@ -12,6 +12,7 @@ from spinor_geom.discrete.first_fill import disk_without_inner_points, minimum_a
 from spinor_geom.domain.polygons import is_simple
 from spinor_geom.errors import DomainError, FirstFillError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from tests.fill.shapes import circle
 from tests.loops import CONVEX, L_SHAPE, is_disk_on, planar, polygon_area, ramp, slit
 from tests.strategies import SEEDS, rough_loops
 
@@ -79,8 +80,7 @@ def test_strips_unfold_to_simple_polygons_of_nearly_their_edge_lengths(loop):
 
 
 def test_long_loops_keep_every_point():
-    angle = 2 * np.pi * np.arange(450) / 450
-    flat = unfolded_loop(np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1))
+    flat = unfolded_loop(circle(450))
     assert len(flat) == 450
     assert is_simple(flat)
     # between the 160 points kept, or fewer, the others lie on chords
@@ -89,8 +89,7 @@ def test_long_loops_keep_every_point():
 
 @pytest.mark.parametrize("count", [160, 161, 450])
 def test_long_loops_are_closed_without_inner_points_by_parts(count):
-    angle = 2 * np.pi * np.arange(count) / count
-    points = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    points = circle(count)
     faces = disk_without_inner_points(points)
     assert is_disk_on(BoundaryLoop.from_points(points), points, faces)
     # all triangulations of a convex polygon have its area

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-import trimesh
 
 from spinor_geom.fill.fill_options import Choice, FillOptions
 from spinor_geom.fill.filling import Filling
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from tests.fill.shapes import icosphere
 
 # the centres of the holes and their sizes: the first is loop 0 and faces the eye, the last is not seen from there
 HOLES = ((0.0, 0.0, 1.0, 0.45), (0.8, 0.0, 0.6, 0.33), (-0.7, 0.5, 0.5, 0.3), (0.0, -1.0, -0.4, 0.25))
@@ -15,8 +15,7 @@ HOLES = ((0.0, 0.0, 1.0, 0.45), (0.8, 0.0, 0.6, 0.33), (-0.7, 0.5, 0.5, 0.3), (0
 
 def ball(shift: float = 0.0, holes: tuple[tuple[float, ...], ...] = HOLES) -> tuple[np.ndarray, np.ndarray]:
     """A unit sphere with holes, moved along all axes."""
-    mesh = trimesh.creation.icosphere(subdivisions=4)
-    vertices, faces = np.array(mesh.vertices), np.array(mesh.faces)
+    vertices, faces = icosphere(4)
     places = vertices[faces].mean(axis=1)
     for *centre, radius in holes:
         is_out = np.linalg.norm(places - np.array(centre) / np.linalg.norm(centre), axis=1) < radius

@@ -6,6 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from tests.fill.shapes import collar
+
 Random = np.random.Generator
 
 
@@ -127,9 +129,7 @@ def mesh(kind: str, seed: int) -> tuple[np.ndarray, np.ndarray]:
             size=(count, 3)
         )
         offset[random.random(count) < 0.1] = 0
-    a = np.arange(count)
-    b = np.roll(a, -1)
-    faces = np.concatenate([np.column_stack([a, a + count, b]), np.column_stack([b, a + count, b + count])])
+    vertices, faces = collar(points, offset)
     if count > 7 and random.random() < 0.2:
         faces[faces == count // 2] = 0
-    return np.concatenate([points, points + offset]), faces
+    return vertices, faces

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+import trimesh
+from numpy.typing import ArrayLike
+from scipy.spatial import ConvexHull
 
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
@@ -25,15 +28,46 @@ def together(*pieces: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.nda
     return np.concatenate([vertices for vertices, _ in pieces]), np.concatenate(faces)
 
 
+def circle(count: int, radius: float = 1.0, height: float = 0.0, *, bend: float = 0.0, waves: int = 2) -> np.ndarray:
+    """Points at equal steps of a horizontal circle, lifted by cosine waves."""
+    t = 2 * np.pi * np.arange(count) / count
+    return np.column_stack([radius * np.cos(t), radius * np.sin(t), height + bend * np.cos(waves * t)])
+
+
+def icosphere(subdivisions: int) -> tuple[np.ndarray, np.ndarray]:
+    ball = trimesh.creation.icosphere(subdivisions)
+    return np.array(ball.vertices), np.array(ball.faces)
+
+
+def bowl_below(height: float, subdivisions: int = 3) -> tuple[np.ndarray, np.ndarray]:
+    """The triangles of the unit sphere whose middles lie below a height."""
+    vertices, faces = icosphere(subdivisions)
+    return without((vertices, faces), vertices[faces][:, :, 2].mean(axis=1) > height)
+
+
+def hull(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The convex hull of points around the origin, all of them on it, normals outwards."""
+    faces = ConvexHull(points).simplices
+    inwards = np.linalg.det(points[faces]) < 0
+    return points, np.where(inwards[:, None], faces[:, ::-1], faces)
+
+
+def soup(mesh: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """The mesh with corners of its own for each face."""
+    vertices, faces = mesh
+    return vertices[faces].reshape(-1, 3), np.arange(faces.size).reshape(-1, 3)
+
+
+def spokes(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Triangles from the edges of a closed polygon to its mean."""
+    ring = np.arange(len(points))
+    faces = np.column_stack([ring, np.roll(ring, -1), np.full(len(points), len(points))])
+    return np.vstack([points, points.mean(axis=0)]), faces
+
+
 def tube(sides: int = 16, rings: int = 3, *, squeeze: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
     """An open tube about the z axis, normals outwards: two holes, the lower one larger."""
-    angle = 2 * np.pi * np.arange(sides) / sides
-    levels = [
-        np.column_stack(
-            [(1.0 - 0.1 * k) * np.cos(angle), squeeze * (1.0 - 0.1 * k) * np.sin(angle), np.full(sides, 0.5 * k)]
-        )
-        for k in range(rings)
-    ]
+    levels = [circle(sides, 1.0 - 0.1 * k, 0.5 * k) * [1, squeeze, 1] for k in range(rings)]
     a = np.arange(sides)
     b = (a + 1) % sides
     faces = [
@@ -84,14 +118,8 @@ def fan(loop: BoundaryLoop, apex: int = 0) -> Patch:
 
 def cone(loop: BoundaryLoop) -> Patch:
     """Triangles from every rim edge to one inner vertex."""
-    count = len(loop)
-    rim = np.arange(count)
-    return Patch(
-        vertices=np.vstack([loop.points, loop.centroid]),
-        faces=np.column_stack([rim, np.roll(rim, -1), np.full(count, count)]),
-        boundary_size=count,
-        points=np.append(on_circle(count), 0),
-    )
+    vertices, faces = spokes(loop.points)
+    return Patch(vertices=vertices, faces=faces, boundary_size=len(loop), points=np.append(on_circle(len(loop)), 0))
 
 
 def on_circle(count: int) -> np.ndarray:
@@ -107,7 +135,7 @@ def as_mesh(pair: tuple[np.ndarray, np.ndarray], **attributes: np.ndarray) -> Tr
     return TriangleMesh(*pair, vertex_attributes=attributes)
 
 
-def collar(rim: np.ndarray, offset: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def collar(rim: np.ndarray, offset: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
     """A band along a closed polygon: its vertices first, then each once more, moved by an offset."""
     count = len(rim)
     a = np.arange(count)
@@ -138,8 +166,6 @@ def spiked_tetrahedron(height: float = 0.5) -> tuple[np.ndarray, np.ndarray]:
 
 def linked_rings() -> tuple[np.ndarray, np.ndarray]:
     """Two flat rings across each other, with the holes 0-31 and 64-95; each passes through the hole of the other."""
-    t = 2 * np.pi * np.arange(32) / 32
-    circle = np.column_stack([np.cos(t), np.sin(t), np.zeros(32)])
-    vertices, faces = collar(circle, 0.2 * circle)
+    vertices, faces = collar(circle(32), 0.2 * circle(32))
     upright = 0.5 * vertices[:, [0, 2, 1]] + np.array([1.0, 0.01, 0.02])
     return np.concatenate([vertices, upright]), np.concatenate([faces, faces + len(vertices)])

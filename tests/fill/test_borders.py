@@ -8,6 +8,7 @@ from contextlib import nullcontext
 import numpy as np
 import pytest
 
+from spinor_geom.bench.holes import lattice
 from spinor_geom.deadline import time_limit
 from spinor_geom.errors import ImperfectFillWarning, OutOfTimeError, SheetBorderError
 from spinor_geom.fill.borders import require_no_border
@@ -15,14 +16,13 @@ from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.patched_mesh import PatchedMesh
 from spinor_geom.mesh.find_loops import find_boundary_loops
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
+from tests.fill.shapes import circle, collar
 
 
 def sheet(height: Callable[[np.ndarray, np.ndarray], np.ndarray] = lambda x, _: 0 * x) -> tuple[np.ndarray, np.ndarray]:
     """A square sheet of 21 × 21 vertices with a round hole in its middle."""
-    x, y = np.meshgrid(np.arange(-10.0, 11.0), np.arange(-10.0, 11.0))
-    a = np.add.outer(np.arange(20) * 21, np.arange(20)).ravel()
-    faces = np.concatenate([np.stack([a, a + 1, a + 22], axis=1), np.stack([a, a + 22, a + 21], axis=1)])
-    vertices = np.column_stack([x.ravel(), y.ravel(), height(x, y).ravel()])
+    (x, y), faces = lattice(20, 20)
+    vertices = np.column_stack([x - 10, y - 10, height(x - 10, y - 10)])
     return vertices, faces[np.linalg.norm(vertices[faces].mean(axis=1)[:, :2], axis=1) > 3]
 
 
@@ -58,13 +58,8 @@ def test_the_border_of_a_sheet_stays_open_with_the_reason(name: str) -> None:
 
 @pytest.mark.parametrize(("depth", "is_border"), [(0.0, True), (0.5, False)])
 def test_a_rim_of_many_points_is_compared_at_some_of_them(depth: float, is_border: bool) -> None:
-    angle = np.arange(12_000) * 2 * np.pi / 12_000
-    rim = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
-    inner = rim - [0, 0, depth] if depth else 0.5 * rim  # a tube or an annulus
-    k = np.arange(len(rim))
-    after, below = np.roll(k, -1), k + len(rim)
-    faces = np.concatenate([np.stack([k, after, below], axis=1), np.stack([after, np.roll(below, -1), below], axis=1)])
-    mesh = TriangleMesh(np.concatenate([rim, inner]), faces)
+    rim = circle(12_000)
+    mesh = TriangleMesh(*collar(rim, [0, 0, -depth] if depth else -0.5 * rim))  # a tube or an annulus
     loop = find_boundary_loops(mesh)[0]
     with pytest.raises(SheetBorderError) if is_border else nullcontext():
         require_no_border(PatchedMesh(mesh, [loop]), loop)

@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 import trimesh
 
+from spinor_geom.bench.holes import lattice
 from spinor_geom.fill.bridges import find_islands, lies_in
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.find_loops import find_boundary_loops
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from tests.closed import is_watertight
-from tests.fill.shapes import together
+from tests.fill.shapes import circle, collar, together
 from tests.systems import every_second
 
 SIDES = 24
@@ -20,13 +21,7 @@ SIDES = 24
 
 def ring(inner: float, outer: float, *, height: float = 0.0, down: bool = False) -> tuple[np.ndarray, np.ndarray]:
     """A plane ring of 24 × 2 vertices, normal up or down."""
-    angle = 2 * np.pi * np.arange(SIDES) / SIDES
-    circle = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
-    vertices = np.concatenate([inner * circle, outer * circle])
-    vertices[:, 2] = height
-    a = np.arange(SIDES)
-    b = (a + 1) % SIDES
-    faces = np.concatenate([np.column_stack([a, a + SIDES, b]), np.column_stack([b, a + SIDES, b + SIDES])])
+    vertices, faces = collar(circle(SIDES, inner, height), circle(SIDES, outer - inner))
     return vertices, faces[:, ::-1] if down else faces
 
 
@@ -101,22 +96,19 @@ def test_a_bridge_with_more_area_than_two_disks_is_reported_as_a_local_minimum()
     assert not here.to_dict()["area_minimum"]
 
 
-def test_rims_too_far_apart_stay_open_with_the_reason() -> None:
-    mesh = together(ring(1.0, 1.4, height=0.8), ring(1.0, 1.4, height=-0.8, down=True))
+@pytest.mark.parametrize(
+    ("height", "down", "reasons"),
+    [(0.8, True, ("no annulus", "fill the two loops one by one")), (0.4, False, ("flip the faces of one piece", ""))],
+    ids=["too far apart", "inside out to each other"],
+)
+def test_rims_without_a_surface_between_them_stay_open(height: float, down: bool, reasons: tuple[str, str]) -> None:
+    mesh = together(ring(1.0, 1.4, height=height), ring(1.0, 1.4, height=-height, down=down))
     pair = inner_rims(mesh)
     _, report = fill_hole(mesh, bridge=pair, return_report=True)
-    assert not report.loops[pair[0]].filled
-    assert "no annulus" in report.loops[pair[0]].reason
-    assert "fill the two loops one by one" in report.loops[pair[1]].reason
+    for place, reason in zip(pair, reasons, strict=True):
+        assert not report.loops[place].filled
+        assert reason in report.loops[place].reason
     assert len(report.extension.faces) == 0
-
-
-def test_pieces_inside_out_to_each_other_are_refused() -> None:
-    mesh = together(ring(1.0, 1.4, height=0.4), ring(1.0, 1.4, height=-0.4))
-    pair = inner_rims(mesh)
-    _, report = fill_hole(mesh, bridge=pair, return_report=True)
-    assert not report.loops[pair[0]].filled
-    assert "flip the faces of one piece" in report.loops[pair[0]].reason
 
 
 def test_island_is_recognised_and_joined() -> None:
@@ -146,8 +138,7 @@ def test_island_in_a_hole_of_a_mesh_cut_along_triangles_is_joined_through_its_po
 @pytest.mark.parametrize(("height", "is_in"), [(0.3, True), (0.5, True), (0.65, False), (1.0, False)])
 def test_a_piece_is_in_a_round_hole_up_to_a_fifth_of_the_diagonal(height: float, is_in: bool) -> None:
     # of the hole's box, which is 2.8
-    circle = ring(1.0, 2.0)[0][:SIDES]
-    hole, piece = (BoundaryLoop.from_points(points) for points in (circle, 0.4 * circle + [0, 0, height]))
+    hole, piece = (BoundaryLoop.from_points(circle(SIDES, *place)) for place in ((1.0, 0.0), (0.4, height)))
     assert lies_in(piece, hole) == is_in
 
 
@@ -202,14 +193,12 @@ def test_several_islands_in_one_hole_are_joined() -> None:
 
 def terrain(start: float, rows: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """A piece of one terrain, 9 × 14 wide, from x = start on, with so many rows of squares along y."""
-    x, y = np.meshgrid(start + np.arange(10.0), 14 * np.arange(rows + 1) / rows, indexing="ij")
+    (y, x), faces = lattice(rows, 9)
+    x, y = start + x, 14 * y / rows
     random = np.random.default_rng(seed)
     k, phase = random.uniform(0.2, 0.6, size=4), random.uniform(0, 6, size=3)
     z = 0.5 * np.sin(k[0] * x + phase[0]) * np.sin(k[1] * y + phase[1]) + 0.4 * np.sin(k[2] * x + k[3] * y + phase[2])
-    a = np.add.outer(np.arange(9) * (rows + 1), np.arange(rows)).ravel()
-    b = a + rows + 1
-    faces = np.concatenate([np.stack([a, b, b + 1], axis=1), np.stack([a, b + 1, a + 1], axis=1)])
-    return np.stack([x, y, z], axis=-1).reshape(-1, 3), faces
+    return np.column_stack([x, y, z]), faces[:, ::-1]
 
 
 @pytest.mark.parametrize("seed", every_second(range(4)))

@@ -11,6 +11,7 @@ import pytest
 
 from spinor_geom import fill_hole
 from spinor_geom.errors import ImperfectFillWarning, SpinorGeomError
+from tests.fill.shapes import circle
 
 # why a rim may stay open: it is no hole, or has no surface at all
 REASONS = (
@@ -67,8 +68,7 @@ def holds(seed: int) -> float:
 
 def ring(radius: float, height: float, *, repeated: int = 1) -> np.ndarray:
     """12 points on a circle, the first of them several times."""
-    t = 2 * np.pi * np.maximum(np.arange(12) - repeated + 1, 0) / 12
-    return np.column_stack([radius * np.cos(t), radius * np.sin(t), np.full(12, height)])
+    return circle(12, radius, height)[np.maximum(np.arange(12) - repeated + 1, 0)]
 
 
 @pytest.mark.parametrize(

@@ -7,10 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-import trimesh
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import SuperLU
-from scipy.spatial import ConvexHull
 
 from spinor_geom.bench.holes import plane_square
 from spinor_geom.bench.ragged import reported_bowl
@@ -33,7 +31,8 @@ from spinor_geom.fill.patched_mesh import PatchedMesh
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import Patch
-from tests.fill.shapes import cone, cylinder, rounds_and_rows, without
+from tests.fill.shapes import bowl_below, cone, cylinder, hull, icosphere, rounds_and_rows, together, without
+from tests.fill.test_seams import box
 
 Mesh = tuple[np.ndarray, np.ndarray]
 
@@ -42,25 +41,10 @@ def centres(mesh: Mesh) -> np.ndarray:
     return np.asarray(mesh[0][mesh[1]].mean(axis=1))
 
 
-def ball(points: np.ndarray) -> Mesh:
-    """The mesh of points on the unit sphere, normals outwards."""
-    points = points / np.linalg.norm(points, axis=1, keepdims=True)
-    faces = ConvexHull(points).simplices
-    corner = points[faces]
-    inwards = (
-        np.einsum("fk,fk->f", np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), corner[:, 0]) < 0
-    )
-    return points, np.where(inwards[:, None], faces[:, ::-1], faces)
-
-
-def icosphere(subdivisions: int) -> Mesh:
-    mesh = trimesh.creation.icosphere(subdivisions)
-    return np.asarray(mesh.vertices), np.asarray(mesh.faces)
-
-
 def jittered_ball() -> Mesh:
     points = icosphere(3)[0]
-    return ball(points + np.random.default_rng(0).normal(scale=0.02, size=points.shape))
+    points = points + np.random.default_rng(0).normal(scale=0.02, size=points.shape)
+    return hull(points / np.linalg.norm(points, axis=1, keepdims=True))
 
 
 def continued(mesh: Mesh, **options: Any) -> tuple[np.ndarray, LoopOutcome]:
@@ -78,6 +62,11 @@ def with_film(mesh: Mesh) -> tuple[BoundaryLoop, Patch, Collar]:
     loop = boundary_loops(mesh)[0]
     film = fill_hole(mesh, 0, return_report=True)[1].loops[0].patch
     return loop, film, collar_of(PatchedMesh(TriangleMesh(*mesh)), loop.vertex_ids, film)
+
+
+def with_face(mesh: Mesh, *corners: list[float]) -> Mesh:
+    """A mesh and a face apart from it."""
+    return together(mesh, (np.array(corners), np.array([[0, 1, 2]])))
 
 
 def rms(values: np.ndarray) -> float:
@@ -210,26 +199,11 @@ def test_a_border_near_the_rim_does_not_hold_the_patch_back() -> None:
     assert rms(heights(new)) < 1e-3
 
 
-def cube(cells: int = 12) -> Mesh:
-    step = np.linspace(-1, 1, cells + 1)
-    points = np.unique(np.stack(np.meshgrid(step, step, step), axis=-1).reshape(-1, 3), axis=0)
-    points = points[np.abs(points).max(axis=1) == 1]
-    sides = []
-    for axis in range(3):
-        for side in (-1.0, 1.0):
-            on = np.flatnonzero(points[:, axis] == side)
-            order = np.lexsort(points[on][:, [(axis + 2) % 3, (axis + 1) % 3]].T)
-            square = on[order].reshape(cells + 1, cells + 1)
-            a, b, c, d = square[:-1, :-1], square[1:, :-1], square[1:, 1:], square[:-1, 1:]
-            faces = np.concatenate([np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)])
-            sides.append(faces if side > 0 else faces[:, ::-1])
-    return points, np.concatenate(sides)
-
-
 def test_nothing_goes_on_across_a_crease() -> None:
-    box = cube()
+    sides = TriangleMesh(*box(12, 12)).merged(1e-9)[0]
+    whole = 2 * sides.vertices - 1, sides.faces
     # the hole lies over an edge of the cube: what went on with both sides would have a ridge outside
-    mesh = without(box, np.linalg.norm(centres(box) - [1, 1, 0], axis=1) < 0.5)
+    mesh = without(whole, np.linalg.norm(centres(whole) - [1, 1, 0], axis=1) < 0.5)
     new, outcome = continued(mesh)
     assert outcome.continuation is not None
     assert outcome.continuation.creased == 2
@@ -260,10 +234,9 @@ def test_a_patch_depends_on_three_rings_of_faces_and_no_more() -> None:
 
 
 def test_noise_is_not_amplified_and_is_reported() -> None:
-    vertices, faces = icosphere(4)
     edge, noise = 0.069, 0.1
     rng = np.random.default_rng(1)
-    mesh = without((vertices, faces), centres((vertices, faces))[:, 2] > 0.7)
+    mesh = bowl_below(0.7, 4)
     _, smooth = continued(mesh)
     rough = mesh[0] * (1 + noise * edge * rng.normal(size=len(mesh[0])))[:, None], mesh[1]
     new, outcome = continued(rough)
@@ -276,11 +249,8 @@ def test_noise_is_not_amplified_and_is_reported() -> None:
 
 
 def test_what_would_cross_where_the_film_does_not_is_left_a_film() -> None:
-    sphere = icosphere(3)
-    bowl = without(sphere, centres(sphere)[:, 2] > 0.3)
     # a plate over the lid, which the dome would have to pass
-    plate = np.array([[-3.0, -2.0, 0.8], [3.0, -2.0, 0.8], [0.0, 4.0, 0.9]])
-    mesh = np.concatenate([bowl[0], plate]), np.concatenate([bowl[1], [len(bowl[0]) + np.arange(3)]])
+    mesh = with_face(bowl_below(0.3), [-3.0, -2.0, 0.8], [3.0, -2.0, 0.8], [0.0, 4.0, 0.9])
     rim = max(boundary_loops(mesh), key=len)
     new, outcome = continued(mesh, loop=rim)
     assert (outcome.kind, outcome.continuation, outcome.intersections) == ("minimal", None, 0)
@@ -292,11 +262,8 @@ def test_what_would_cross_where_the_film_does_not_is_left_a_film() -> None:
 
 @pytest.mark.parametrize(("low", "kind"), [(0.2, "discrete"), (0.5, "minimal")])
 def test_what_crosses_the_mesh_is_not_called_smooth(low: float, kind: str) -> None:
-    sphere = icosphere(3)
-    bowl = without(sphere, centres(sphere)[:, 2] > 0.3)
     # a pole through the dome, and through the film or not
-    pole = np.array([[0.0, 0.0, low], [0.2, 0.0, 3.0], [0.0, 0.2, 3.0]])
-    mesh = np.concatenate([bowl[0], pole]), np.concatenate([bowl[1], [len(bowl[0]) + np.arange(3)]])
+    mesh = with_face(bowl_below(0.3), [0.0, 0.0, low], [0.2, 0.0, 3.0], [0.0, 0.2, 3.0])
     new, outcome = continued(mesh, loop=max(boundary_loops(mesh), key=len))
     assert (outcome.kind, outcome.continuation) == (kind, None)
     if kind == "discrete":
@@ -308,7 +275,7 @@ def test_what_crosses_the_mesh_is_not_called_smooth(low: float, kind: str) -> No
 
 
 def test_if_no_continuation_is_found_the_minimal_surface_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    mesh = without(icosphere(2), centres(icosphere(2))[:, 2] > 0.7)
+    mesh = bowl_below(0.7, 2)
 
     def stuck(patch: Patch, *_: object, **__: object) -> Faired:
         return Faired(patch=patch, steps=7, next_step=0.5, stretch=1.0)
@@ -329,12 +296,9 @@ def test_a_continuation_with_a_defect_is_kept_only_if_it_crosses_less(
     monkeypatch: pytest.MonkeyPatch, is_crossed: bool
 ) -> None:
     # less than half a sphere, cut along a circle: the film lies over it as a lid, at z = -0.7
-    mesh = rounds_and_rows(
-        lambda a, t: (np.sin(t) * np.cos(a), np.sin(t) * np.sin(a), -np.cos(t)), 32, np.linspace(0.15, 0.8, 8)
-    )
-    needle = np.array([[0.0, 0, -0.75], [0.05, 0, -0.6], [0, 0.05, -0.6]])
+    mesh = cut_sphere(180 - np.degrees(0.8), rows=8)
     if is_crossed:
-        mesh = np.concatenate([mesh[0], needle]), np.concatenate([mesh[1], [len(mesh[0]) + np.arange(3)]])
+        mesh = with_face(mesh, [0.0, 0, -0.75], [0.05, 0, -0.6], [0, 0.05, -0.6])
 
     def low_dome(patch: Patch, *_: object, **__: object) -> Faired:
         x = patch.vertices.copy()
@@ -359,7 +323,7 @@ def test_a_continuation_with_a_defect_is_kept_only_if_it_crosses_less(
 def test_a_continuation_that_cannot_be_remeshed_is_kept(
     monkeypatch: pytest.MonkeyPatch, failing: str, error: SpinorGeomError
 ) -> None:
-    mesh = without(icosphere(3), centres(icosphere(3))[:, 2] > -0.3)
+    mesh = bowl_below(-0.3)
     _, film, collar = with_film(mesh)
     # at rest, but with triangles stretched by more than 2, so that it is meshed again
     first, calls = replace(minimised_curvature(film, collar), next_step=0.0, stretch=3.0), []
@@ -401,7 +365,7 @@ def test_a_patch_whose_domain_of_angles_cannot_be_meshed_is_continued(
 
 
 def test_a_continuation_out_of_time_is_the_best_so_far(monkeypatch: pytest.MonkeyPatch) -> None:
-    mesh = without(icosphere(3), centres(icosphere(3))[:, 2] > -0.6)
+    mesh = bowl_below(-0.6)
     _, film, collar = with_film(mesh)
     with time_limit(0.0), pytest.raises(OutOfTimeError):
         continue_patch(film, collar, GRADED)
@@ -423,8 +387,7 @@ def test_a_continuation_out_of_time_is_the_best_so_far(monkeypatch: pytest.Monke
 
 
 def test_attributes_follow() -> None:
-    vertices, faces = icosphere(3)
-    mesh = without((vertices, faces), centres((vertices, faces))[:, 2] > 0.7)
+    mesh = bowl_below(0.7)
     named = TriangleMesh(*mesh, vertex_attributes={"normal": mesh[0], "place": mesh[0][:, :1]})
     filled, _ = fill_hole(named, continuity="C1", return_report=True)
     new = slice(len(mesh[0]), None)
@@ -434,12 +397,12 @@ def test_attributes_follow() -> None:
     assert np.corrcoef(filled.vertex_attributes["place"][new, 0], filled.vertices[new, 0])[0, 1] > 0.99
 
 
-def cut_sphere(polar_angle: float) -> Mesh:
+def cut_sphere(polar_angle: float, rows: int = 20) -> Mesh:
     """The unit sphere below a circle of latitude, which the film over it meets at the circle's polar angle."""
     return rounds_and_rows(
         lambda a, t: (np.sin(t) * np.cos(a), np.sin(t) * np.sin(a), -np.cos(t)),
         32,
-        np.linspace(0.15, np.pi - np.radians(polar_angle), 20),
+        np.linspace(0.15, np.pi - np.radians(polar_angle), rows),
     )
 
 
@@ -456,9 +419,7 @@ def test_auto_takes_the_film_where_it_meets_the_mesh_steeply(angle: float, kind:
 
 
 def test_auto_takes_the_continuation_if_the_film_intersects() -> None:
-    needle = np.array([[0.0, 0, -0.52], [0.05, 0, -0.35], [0, 0.05, -0.35]])
-    sphere = cut_sphere(120)
-    mesh = np.concatenate([sphere[0], needle]), np.concatenate([sphere[1], [len(sphere[0]) + np.arange(3)]])
+    mesh = with_face(cut_sphere(120), [0.0, 0, -0.52], [0.05, 0, -0.35], [0, 0.05, -0.35])
     rim = max(boundary_loops(mesh), key=lambda loop: loop.perimeter)
     film, smooth = (continued(mesh, loop=rim, continuity=continuity)[1] for continuity in ("film", "auto"))
     assert film.intersections or film.faces_replaced

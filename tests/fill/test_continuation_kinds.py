@@ -10,6 +10,7 @@ import pytest
 import trimesh
 
 from spinor_geom.bench.cut_outs import named_cut_out
+from spinor_geom.bench.holes import lattice
 from spinor_geom.bench.ragged import reported_bowl
 from spinor_geom.fill import fairing
 from spinor_geom.fill.collar import Bend
@@ -20,7 +21,7 @@ from spinor_geom.fill.loop_choice import boundary_loops
 from spinor_geom.measures import distances_to_mesh, mesh_samples
 from spinor_geom.mesh.operators import internal_angles
 from spinor_geom.meshing.embed import Patch
-from tests.fill.shapes import cylinder, rounds_and_rows, without
+from tests.fill.shapes import bowl_below, cylinder, icosphere, rounds_and_rows, without
 from tests.systems import every_second
 
 Mesh = tuple[np.ndarray, np.ndarray]
@@ -34,20 +35,18 @@ def jittered(mesh: Mesh, amount: float, rng: np.random.Generator) -> Mesh:
 
 def bowl(noise: float, rng: np.random.Generator) -> Mesh:
     """A sphere with a hole of less than its equator, cut along its triangles in a random place."""
-    ball = trimesh.creation.icosphere(3)
+    vertices, faces = icosphere(3)
     turn = trimesh.transformations.random_rotation_matrix(rng.uniform(size=3))[:3, :3]
-    vertices, faces = jittered((np.asarray(ball.vertices) @ turn.T, np.asarray(ball.faces)), noise, rng)
+    vertices, _ = jittered((vertices @ turn.T, faces), noise, rng)
     return without((vertices, faces), vertices[faces][:, :, 2].mean(axis=1) > -np.cos(np.radians(rng.uniform(45, 85))))
 
 
 def sheet(rng: np.random.Generator, *, waves: bool) -> Mesh:
-    x, y = (k.ravel() for k in np.meshgrid(np.linspace(-1, 1, 41), np.linspace(-1, 1, 41), indexing="ij"))
+    (y, x), faces = lattice(40, 40)
+    x, y = x / 20 - 1, y / 20 - 1
     wide, high = rng.uniform(3, 7), rng.uniform(0.05, 0.15)
     z = high * np.sin(wide * x) * np.cos(wide * y) if waves else rng.uniform(0.3, 1.2) * (x * x - y * y)
-    grid = np.arange(41 * 41).reshape(41, 41)
-    a, b, c, d = (k.ravel() for k in (grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]))
-    faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
-    vertices, _ = jittered((np.stack([x, y, z], 1), faces), rng.uniform(0, 0.05), rng)
+    vertices, faces = jittered((np.stack([x, y, z], 1), faces[:, ::-1]), rng.uniform(0, 0.05), rng)
     return without((vertices, faces), np.hypot(*vertices[faces].mean(axis=1).T[:2]) < rng.uniform(0.2, 0.5))
 
 
@@ -123,11 +122,8 @@ def test_continuations_come_to_rest_without_thin_triangles(kind: str, seed: int)
 
 @pytest.mark.parametrize("opening", [80, 60, 45])
 def test_steep_bowls_are_closed_as_spheres_and_their_area_is_reported(opening: float) -> None:
-    ball = trimesh.creation.icosphere(3)
-    vertices, faces = np.asarray(ball.vertices), np.asarray(ball.faces)
     height = -np.cos(np.radians(opening))
-    mesh = without((vertices, faces), vertices[faces][:, :, 2].mean(axis=1) > height)
-    smooth, _ = patched(mesh)
+    smooth, _ = patched(bowl_below(height))
     assert smooth.converged
     assert smooth.patch is not None
     # the whole sphere's triangles and the rim's teeth: the hole has 2π(1 − height)
@@ -140,11 +136,8 @@ def test_steep_bowls_are_closed_as_spheres_and_their_area_is_reported(opening: f
 
 
 def test_what_does_not_come_to_rest_is_a_thin_plate_with_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
-    ball = trimesh.creation.icosphere(3)
-    vertices, faces = np.asarray(ball.vertices), np.asarray(ball.faces)
-    mesh = without((vertices, faces), vertices[faces][:, :, 2].mean(axis=1) > 0.7)
     monkeypatch.setattr(fairing._Equations, "solved", lambda _, x: (x, 3, 0.2))
-    smooth, _ = patched(mesh)
+    smooth, _ = patched(bowl_below(0.7))
     continuation = smooth.continuation
     assert continuation is not None
     assert (continuation.order, smooth.converged) == ("thin plate", True)
@@ -219,9 +212,7 @@ def test_steep_ragged_bowls_have_no_smaller_angles_than_their_rims(number: int) 
 
 @pytest.mark.parametrize("subdivisions", [1, 2, 3])
 def test_a_repeated_position_on_the_rim_raises_no_untyped_error(subdivisions: int) -> None:
-    ball = trimesh.creation.icosphere(subdivisions)
-    vertices, faces = np.asarray(ball.vertices), np.asarray(ball.faces)
-    mesh = without((vertices, faces), vertices[faces][:, :, 2].mean(axis=1) > 0.2)
+    mesh = bowl_below(0.2, subdivisions)
     rim = boundary_loops(mesh)[0].vertex_ids
     # a triangle without area lies at the rim: its angles are no numbers
     mesh[0][rim[0]] = mesh[0][rim[1]]
@@ -232,14 +223,12 @@ def test_a_repeated_position_on_the_rim_raises_no_untyped_error(subdivisions: in
 def mirrored_sheet(rng: np.random.Generator) -> Mesh:
     """A wavy sheet with noise and a hole, symmetric in x with its triangles."""
     n = 16
-    x, y = (k.ravel() for k in np.meshgrid(np.linspace(0, 1, n + 1), np.linspace(-1, 1, 2 * n + 1), indexing="ij"))
+    (y, x), faces = lattice(2 * n, n)
+    x, y = x / n, y / n - 1
     wave = rng.uniform(0, 0.3) * np.cos(5 * x) * np.sin(3 * y + 1)
     half = np.stack([x, y, wave + 0.5 * x**2 + rng.uniform(0, 0.003) * rng.normal(size=len(x))], axis=1)
-    grid = np.arange(len(x)).reshape(n + 1, -1)
-    a, b, c, d = (k.ravel() for k in (grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]))
-    faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
     image = np.where(x == 0, np.arange(len(x)), len(x) + np.arange(len(x)))
-    both = np.concatenate([half, half * [-1, 1, 1]]), np.concatenate([faces, image[faces][:, ::-1]])
+    both = np.concatenate([half, half * [-1, 1, 1]]), np.concatenate([faces[:, ::-1], image[faces]])
     wide, high = rng.uniform(0.2, 0.6, 2)
     centres = both[0][both[1]].mean(axis=1)
     return without(both, np.hypot(centres[:, 0] / wide, centres[:, 1] / high) < 1)

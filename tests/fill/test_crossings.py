@@ -28,7 +28,7 @@ from spinor_geom.mesh.intersections import intersections_between, self_intersect
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.plateau import solve_plateau
-from tests.fill.shapes import collar, cone, figure_eight, linked_rings, spiked_tetrahedron, trefoil, tube
+from tests.fill.shapes import circle, collar, cone, figure_eight, linked_rings, spiked_tetrahedron, trefoil, tube
 from tests.strategies import SEEDS, HoledDisk, RigidMotion, holed_disks, rigid_motions
 
 
@@ -85,10 +85,8 @@ def test_a_figure_eight_has_no_exact_surface_and_its_crossing_edges_are_named() 
 
 
 def test_a_hole_with_a_slit_at_its_edge_is_closed_by_triangles() -> None:
-    t = 2 * np.pi * np.arange(40) / 40
-    circle = np.column_stack([np.cos(t), np.sin(t), np.zeros(40)])
     out = np.array([[1.2, 0, 0], [1.4, 0, 0], [1.6, 0, 0]])
-    rim = np.concatenate([circle, circle[:1], out, out[-2::-1]])
+    rim = np.concatenate([circle(40), circle(1), out, out[-2::-1]])
     mesh = collar(rim, np.array([0, 0, 0.3]))
     _, report = fill_hole(mesh, return_report=True)
     assert all(0.1 < outcome.loop.slit_fraction < 0.2 for outcome in report.loops)

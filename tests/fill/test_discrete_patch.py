@@ -24,12 +24,11 @@ from spinor_geom.meshing import triangulate
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.solve import solve_plateau_batch
 from tests.closed import is_watertight
-from tests.fill.shapes import collar, cone
+from tests.fill.shapes import circle, collar, cone
 
 
 def wavy(count: int, *, noise: float = 0.0) -> np.ndarray:
-    t = 2 * np.pi * np.arange(count) / count
-    points = np.column_stack([np.cos(t), np.sin(t), 0.4 * np.cos(3 * t)])
+    points = circle(count, bend=0.4, waves=3)
     return points + noise * (2 * np.pi / count) * np.random.default_rng(0).normal(size=points.shape)
 
 

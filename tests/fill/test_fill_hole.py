@@ -13,6 +13,7 @@ import pytest
 
 from spinor_geom import gallery
 from spinor_geom.adapters import read_mesh
+from spinor_geom.bench.holes import lattice
 from spinor_geom.bench.ragged import reported_bowl
 from spinor_geom.errors import FirstFillError, ImperfectFillWarning, LoopIndexError, OptionError
 from spinor_geom.fill import fill_loop
@@ -22,7 +23,7 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.plateau import Cauchy, solve_plateau
 from tests.closed import is_watertight
-from tests.fill.shapes import as_mesh, folded_quad, tube
+from tests.fill.shapes import as_mesh, collar, folded_quad, tube
 from tests.validity import validate
 
 DATA = Path(__file__).parents[2] / "data"
@@ -35,13 +36,9 @@ def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 def disk_with_hole(slope: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
     """A ring of 24 × 3 vertices in a plane: an outer rim, and a round hole of radius 1/2."""
-    angle = 2 * np.pi * np.arange(24) / 24
-    x = np.concatenate([radius * np.cos(angle) for radius in (0.5, 0.75, 1.0)])
-    y = np.concatenate([radius * np.sin(angle) for radius in (0.5, 0.75, 1.0)])
-    a = np.arange(48)
-    b = np.where(a % 24 == 23, a - 23, a + 1)
-    faces = np.concatenate([np.column_stack([a, a + 24, b]), np.column_stack([b, a + 24, b + 24])])
-    return np.column_stack([x, y, slope * x]), faces
+    (x, y), faces = lattice(24, 2, wrap_x=True)
+    z = (0.5 + y / 4) * np.exp(2j * np.pi * x / 24)
+    return np.column_stack([z.real, z.imag, slope * z.real]), faces[:, ::-1]
 
 
 def test_the_input_is_an_unchanged_prefix_and_the_result_watertight() -> None:
@@ -112,12 +109,8 @@ def test_a_loop_object_is_filled_with_its_own_corners() -> None:
 def test_a_rim_of_a_few_smooth_sides_keeps_its_corners() -> None:
     known = gallery.schwarz_d_quadrilateral()
     points = known.sample(64).points
-    around = np.stack([np.arange(64), (np.arange(64) + 1) % 64], axis=1)
-    outward = 1.1 * (points - points.mean(axis=0)) + points.mean(axis=0)
-    faces = np.concatenate(
-        [np.column_stack([around[:, ::-1], around[:, 0] + 64]), np.column_stack([around[:, 1], around + 64])]
-    )
-    _, report = fill_hole((np.concatenate([points, outward]), faces), loop=1, return_report=True)
+    mesh = collar(points, 0.1 * (points - points.mean(axis=0)))
+    _, report = fill_hole(mesh, loop=1, return_report=True)
     outcome = report.loops[1]
     assert outcome.converged
     assert outcome.area is not None

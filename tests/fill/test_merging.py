@@ -14,17 +14,11 @@ from spinor_geom.errors import OptionError
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.loop_choice import boundary_loops
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
-from tests.fill.shapes import tube
-
-
-def soup() -> tuple[np.ndarray, np.ndarray]:
-    """The tube's 64 faces with corners of their own: 192 vertices, 48 positions."""
-    vertices, faces = tube()
-    return vertices[faces].reshape(-1, 3), np.arange(faces.size).reshape(-1, 3)
+from tests.fill.shapes import soup, tube
 
 
 def test_given_normals_of_a_trimesh_are_kept() -> None:
-    vertices, faces = soup()
+    vertices, faces = soup(tube())
     normals = np.tile([0.6, 0.0, 0.8], (len(vertices), 1))
     mesh = trimesh.Trimesh(vertices, faces, vertex_normals=normals, process=False)
     np.testing.assert_array_equal(to_mesh(merged(mesh, "rounding")).vertex_attributes["normal"], normals[:48])
@@ -33,7 +27,7 @@ def test_given_normals_of_a_trimesh_are_kept() -> None:
 def test_gradients_flow_to_the_vertices_that_stay() -> None:
     import torch
 
-    vertices, faces = soup()
+    vertices, faces = soup(tube())
     positions = torch.from_numpy(vertices).requires_grad_()
     (points, _) = merged((positions, torch.from_numpy(faces)), "rounding")
     points.sum().backward()
@@ -60,7 +54,7 @@ class OwnAdapter:
     types = ("tests.Own",)
 
     def to_mesh(self, obj: Own) -> TriangleMesh:
-        return TriangleMesh(*soup())
+        return TriangleMesh(*soup(tube()))
 
     def extend(self, obj: Own, extension: Any) -> Own:
         return obj
@@ -68,6 +62,6 @@ class OwnAdapter:
 
 def test_types_that_cannot_be_merged_are_refused() -> None:
     register(OwnAdapter())
-    for mesh in (Own(), trimesh.Scene([trimesh.Trimesh(*soup(), process=False)])):
+    for mesh in (Own(), trimesh.Scene([trimesh.Trimesh(*soup(tube()), process=False)])):
         with pytest.raises(OptionError, match="cannot merge vertices"):
             fill_hole(mesh, merge=True)

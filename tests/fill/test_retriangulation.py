@@ -24,6 +24,7 @@ from spinor_geom.mesh.find_loops import find_boundary_loops
 from spinor_geom.mesh.topology import HalfEdges
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import Patch
+from tests.fill.shapes import circle, collar, together
 from tests.fill.test_clearance import NOISY, filled
 from tests.systems import every_second
 
@@ -71,17 +72,13 @@ def test_what_the_time_limit_interrupts_is_kept_as_far_as_it_is(
 
 def tent(radius: float) -> tuple[PatchedMesh, NewPatch]:
     """A patch over a circle with a tent of three faces in its middle, two of which are crossed."""
-    t = 2 * np.pi * np.arange(6) / 6
-    circle = np.stack([np.cos(t), np.sin(t), 0 * t], axis=1)
-    own, after = np.arange(6), np.roll(np.arange(6), -1)
-    collar = np.concatenate([np.stack([own, own + 6, after], axis=1), np.stack([after, own + 6, after + 6], axis=1)])
+    hexagon, own, after = circle(6), np.arange(6), np.roll(np.arange(6), -1)
     # through the upper end of the edge between the two
     needle = np.array([[0.38, 0.54, 1.38], [-0.66, -0.06, 1.38], [-0.14, 0.24, 1.34]])
-    vertices = np.concatenate([radius * circle, 2 * radius * circle, needle])
-    mesh = TriangleMesh(vertices, np.vstack([collar, [12, 13, 14]]))
+    mesh = TriangleMesh(*together(collar(radius * hexagon, radius * hexagon), (needle, np.array([[0, 1, 2]]))))
     (rim,) = (loop for loop in find_boundary_loops(mesh) if loop.vertex_ids.max() == 5)
     np.testing.assert_array_equal(rim.vertex_ids, own)
-    vertices = np.concatenate([rim.points, circle[::2], [[0, 0, 2]], 1.5 * circle])
+    vertices = np.concatenate([rim.points, hexagon[::2], [[0, 0, 2]], 1.5 * hexagon])
     faces = [[9, 6, 7], [9, 7, 8], [9, 8, 6]]
     around = [[6, 10, 11], [6, 11, 7], [7, 11, 12], [7, 12, 13], [7, 13, 8], [8, 13, 14], [8, 14, 15], [8, 15, 6]]
     belt = np.concatenate([np.stack([own + 10, own, after], axis=1), np.stack([own + 10, after, after + 10], axis=1)])

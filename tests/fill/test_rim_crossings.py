@@ -15,13 +15,12 @@ from spinor_geom.fill.retriangulation import RimCrossings, retriangulated
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.find_loops import find_boundary_loops
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
-from tests.fill.shapes import as_mesh, collar, cone, fan
+from tests.fill.shapes import as_mesh, circle, collar, cone, fan
 
 
 def with_needles(*heights: float) -> tuple[TriangleMesh, BoundaryLoop]:
     """An outward collar of a hexagon, with upright triangles through the middles of its first sides."""
-    t = 2 * np.pi * np.arange(6) / 6
-    rim = np.column_stack([np.cos(t), np.sin(t), 0 * t])
+    rim = circle(6)
     vertices, faces = collar(rim, np.array([0.0, 0.0, -1.0]))
     for k, height in enumerate(heights):
         middle, out = (rim[k] + rim[k + 1]) / 2, np.array([0.0, 0.0, 1.0])

@@ -8,23 +8,22 @@ import numpy as np
 import pytest
 
 from spinor_geom.adapters import read_mesh
+from spinor_geom.bench.holes import lattice
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.loop_choice import boundary_loops
 from spinor_geom.mesh.topology import near_vertices
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from tests.closed import is_watertight
-from tests.fill.shapes import obj_text, together
+from tests.fill.shapes import circle, collar, icosphere, obj_text, spokes, together, tube
+from tests.fill.sheets import moebius
 
 Mesh = tuple[np.ndarray, np.ndarray]
 
 
 def grid_patch(corner: np.ndarray, right: np.ndarray, up: np.ndarray, columns: int, rows: int) -> Mesh:
     """A parallelogram of columns × rows squares, normal right × up."""
-    x, y = np.meshgrid(np.arange(columns + 1) / columns, np.arange(rows + 1) / rows)
-    vertices = corner + x.ravel()[:, None] * right + y.ravel()[:, None] * up
-    first = np.add.outer(np.arange(rows) * (columns + 1), np.arange(columns)).ravel()
-    a, b, c, d = first, first + 1, first + columns + 2, first + columns + 1
-    return vertices, np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
+    (x, y), faces = lattice(columns, rows)
+    return corner + x[:, None] * right / columns + y[:, None] * up / rows, faces
 
 
 def box(lid: int, sides: int, *, size: float = 1.0) -> Mesh:
@@ -40,37 +39,12 @@ def can(lid: int, wall: int) -> Mesh:
     """A closed cylinder with 12 sides: each side of its lower ring in `wall` parts, of its lid in `lid`."""
 
     def ring(parts: int, height: float) -> np.ndarray:
-        angle = np.arange(12) * np.pi / 6
-        corners = np.column_stack([np.cos(angle), np.sin(angle), np.full(12, height)])
-        along = np.arange(parts)[:, None] / parts
+        corners, along = circle(12, height=height), np.arange(parts)[:, None] / parts
         return np.concatenate([a + along * (b - a) for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)])
 
-    count, low, high = 12 * wall, ring(wall, 0.0), ring(wall, 1.0)
-    a, b = np.arange(count), np.roll(np.arange(count), -1)
-    tube = np.concatenate([np.stack([a, b, b + count], axis=1), np.stack([a, b + count, a + count], axis=1)])
-    floor = np.stack([b, a, np.full(count, 2 * count)], axis=1)
-    body = (np.concatenate([low, high, [[0, 0, 0]]]), np.concatenate([tube, floor]))
-    c, d = np.arange(12 * lid), np.roll(np.arange(12 * lid), -1)
-    return together(
-        body, (np.concatenate([ring(lid, 1.0), [[0, 0, 1]]]), np.stack([c, d, np.full(12 * lid, 12 * lid)], 1))
-    )
-
-
-def globe(rows: int) -> Mesh:
-    """A closed sphere of 16 meridians."""
-    theta = np.pi * np.arange(1, rows) / rows
-    phi = 2 * np.pi * np.arange(16) / 16
-    t, p = (grid.ravel() for grid in np.meshgrid(theta, phi, indexing="ij"))
-    rings = np.column_stack([np.sin(t) * np.cos(p), np.sin(t) * np.sin(p), np.cos(t)])
-    j, i = (grid.ravel() for grid in np.meshgrid(np.arange(rows - 2), np.arange(16), indexing="ij"))
-    a, b = 16 * j + i, 16 * j + (i + 1) % 16
-    k = np.arange(16)
-    north, south = len(rings), len(rings) + 1
-    caps = [np.stack([0 * k + north, k, (k + 1) % 16], 1)]
-    last = 16 * (rows - 2)
-    caps.append(np.stack([0 * k + south, last + (k + 1) % 16, last + k], 1))
-    faces = [np.stack([a, a + 16, b + 16], 1), np.stack([a, b + 16, b], 1), *caps]
-    return np.concatenate([rings, [[0, 0, 1], [0, 0, -1]]]), np.concatenate(faces)
+    low = ring(wall, 0.0)
+    body = TriangleMesh(*together(collar(low, [0, 0, 1]), spokes(low))).merged(1e-9)[0]
+    return together((body.vertices, body.faces[:, ::-1]), spokes(ring(lid, 1.0)))
 
 
 def text_stl(mesh: Mesh, error: float, seed: int) -> str:
@@ -87,7 +61,12 @@ def text_stl(mesh: Mesh, error: float, seed: int) -> str:
     return f"solid a\n{''.join(facets)}endsolid a\n"
 
 
-BODIES = {"box": box(3, 3), "can": can(1, 1), "globe": globe(9), "shifted": (box(2, 2)[0] + [9, -5, 3], box(2, 2)[1])}
+BODIES = {
+    "box": box(3, 3),
+    "can": can(1, 1),
+    "ball": icosphere(2),
+    "shifted": (box(2, 2)[0] + [9, -5, 3], box(2, 2)[1]),
+}
 
 
 @pytest.mark.parametrize("body", BODIES)
@@ -239,36 +218,22 @@ def test_vertices_on_edges_without_a_common_edge_are_no_seam() -> None:
 
 
 def test_closed_and_one_sided_meshes_are_named() -> None:
-    _, report = fill_hole(globe(6), return_report=True)
+    _, report = fill_hole(icosphere(1), return_report=True)
     assert report.notes == ("the mesh is closed, genus 0: it has no hole",)
     assert (report.loops, report.watertight, report.complete) == ((), True, True)
-    # a torus of 8 x 6 and a Möbius band of 12
-    i, j = (grid.ravel() for grid in np.meshgrid(np.arange(8), np.arange(6), indexing="ij"))
-    a, b, c, d = i * 6 + j, (i + 1) % 8 * 6 + j, (i + 1) % 8 * 6 + (j + 1) % 6, i * 6 + (j + 1) % 6
+    # a torus of 8 x 6
+    (i, j), faces = lattice(8, 6, wrap_x=True, wrap_y=True)
     u, v = i * np.pi / 4, j * np.pi / 3
     torus = np.column_stack([(2 + np.cos(v)) * np.cos(u), (2 + np.cos(v)) * np.sin(u), np.sin(v)])
-    _, report = fill_hole((torus, np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])), return_report=True)
+    _, report = fill_hole((torus, faces), return_report=True)
     assert report.notes == ("the mesh is closed, genus 1: it has no boundary loops; a tunnel is not a hole",)
-    n = np.arange(12)
-    t = n * np.pi / 6
-    low, high = (
-        np.column_stack([(2 + s * np.cos(t / 2)) * np.cos(t), (2 + s * np.cos(t / 2)) * np.sin(t), s * np.sin(t / 2)])
-        for s in (-0.5, 0.5)
-    )
-    after = (n + 1) % 12
-    turned = n == 11
-    p, q = np.where(turned, after + 12, after), np.where(turned, after, after + 12)
-    band = np.concatenate([np.stack([n, p, q], 1), np.stack([n, q, n + 12], 1)])
-    _, report = fill_hole((np.concatenate([low, high]), band), loop=0, return_report=True)
+    _, report = fill_hole(moebius(0.5), loop=0, return_report=True)
     assert any("not orientable" in note for note in report.notes)
 
 
 def test_each_patch_has_its_group(tmp_path: Path) -> None:
-    vertices, faces = globe(8)
-    open_ = faces[:-32]
     source = tmp_path / "a.obj"
-    source.write_text(obj_text(vertices, open_))
-    done = fill_hole(source)
-    done.write(tmp_path / "b.obj")
+    source.write_text(obj_text(*tube()))
+    fill_hole(source).write(tmp_path / "b.obj")
     groups = [line for line in (tmp_path / "b.obj").read_text().splitlines() if line.startswith("g ")]
     assert groups == [f"g spinor_geom_fill_{index}" for index in range(2)]

@@ -2,16 +2,15 @@ import igl
 import numpy as np
 import pytest
 
+from spinor_geom.bench.holes import plane_square
 from spinor_geom.errors import OptionError
 from spinor_geom.measures import hausdorff_distance
 
 
 def square(n=2, height=0.0):
     """The unit square as a grid of n × n points, at a height."""
-    x, y = np.meshgrid(np.linspace(0, 1, n), np.linspace(0, 1, n), indexing="ij")
-    a = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
-    faces = np.concatenate([np.stack([a, a + n, a + n + 1], 1), np.stack([a, a + n + 1, a + 1], 1)])
-    return np.stack([x.ravel(), y.ravel(), np.full(n * n, height)], axis=1), faces
+    vertices, faces = plane_square(n - 1)
+    return vertices / (n - 1) + [0, 0, height], faces
 
 
 def sphere(times, radius=1.0):

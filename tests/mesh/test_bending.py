@@ -4,21 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.spatial import ConvexHull
 
 from spinor_geom.bench.holes import plane_square
 from spinor_geom.mesh.operators import Bending, BendingForm, crossing_angles
 from spinor_geom.mesh.topology import HalfEdges
+from tests.fill.shapes import hull
 
 
 def ball(count: int, radius: float) -> tuple[np.ndarray, np.ndarray]:
     """A sphere through random points, normals outwards."""
     points = np.random.default_rng(count).normal(size=(count, 3))
-    points *= radius / np.linalg.norm(points, axis=1, keepdims=True)
-    faces = ConvexHull(points).simplices
-    a, b, c = (points[faces[:, k]] for k in range(3))
-    inwards = np.einsum("fk,fk->f", np.cross(b - a, c - a), a) < 0
-    return points, np.where(inwards[:, None], faces[:, ::-1], faces)
+    return hull(radius * points / np.linalg.norm(points, axis=1, keepdims=True))
 
 
 def test_a_sphere_through_random_points_has_one_curvature() -> None:

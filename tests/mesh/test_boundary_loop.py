@@ -19,6 +19,7 @@ from spinor_geom.errors import (
 )
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, centroids, detect_corners, diagonals, measure, turning_angles
 from spinor_geom.plateau.roughness import has_stray_corners
+from tests.fill.shapes import circle
 from tests.strategies import RigidMotion, rigid_motions, rough_loops, smooth_loops
 
 
@@ -28,11 +29,6 @@ def polygon_sides(corners: list[tuple[float, ...]], per_side: int) -> np.ndarray
     steps = np.arange(per_side)[:, None] / per_side
     sides = [a + steps * (b - a) for a, b in zip(ends, np.roll(ends, -1, axis=0), strict=True)]
     return np.concatenate(sides)
-
-
-def circle(count: int) -> np.ndarray:
-    t = 2 * np.pi * np.arange(count) / count
-    return np.stack([np.cos(t), np.sin(t), np.zeros(count)], axis=1)
 
 
 SQUARE = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]
@@ -119,9 +115,8 @@ class TestMeasures:
         assert loop.elongation == np.inf
 
     def test_wave_about_a_plane_has_its_rms(self) -> None:
-        t = 2 * np.pi * np.arange(400) / 400
-        wave = np.stack([np.cos(t), np.sin(t), 0.01 * np.sin(4 * t)], axis=1)
-        # the sine's mean square is 1/2; the speed, that weights the points, varies by 8e-4
+        wave = circle(400, bend=0.01, waves=4)
+        # the cosine's mean square is 1/2; the speed, that weights the points, varies by 8e-4
         assert BoundaryLoop.from_points(wave).plane.rms_distance == pytest.approx(0.01 / np.sqrt(2), rel=1e-3)
 
     def test_reversed_keeps_the_first_point(self) -> None:

@@ -14,13 +14,10 @@ from spinor_geom.errors import RepeatedPointError
 from spinor_geom.mesh import interpolation as rules
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
+from tests.fill.shapes import circle
 from tests.strategies import SEEDS, RigidMotion, rigid_motions, rough_loops, smooth_loops
 
 L_SHAPE = np.array([[0.0, 0, 0], [2, 0, 0], [2, 1, 0], [1, 1, 0], [1, 2, 0], [0, 2, 0]])
-
-
-def circle(count: int) -> np.ndarray:
-    return circle_at(2 * np.pi * np.arange(count) / count)
 
 
 def curve_of(points: np.ndarray, corners: list[int] | None = None) -> BoundaryCurve:
@@ -327,10 +324,8 @@ class TestCorners:
 
 class TestAverages:
     def test_harmonics_of_a_circle_fall_by_the_gaussian_s_transform(self) -> None:
-        t = 2 * np.pi * np.arange(200) / 200
-        points = circle(200) + 0.1 * np.stack([0 * t, 0 * t, np.cos(5 * t)], axis=1)
         width = 0.03
-        smooth = curve_of(points, []).smoothed(width)
+        smooth = curve_of(circle(200, bend=0.1, waves=5), []).smoothed(width)
         assert smooth.kind == "cubic"
         assert not smooth.corners.any()
         radius = np.linalg.norm(smooth.point(smooth.breaks[:-1])[:, :2], axis=1)

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from spinor_geom.bench.holes import lattice
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.find_loops import find_boundary_loops
 from spinor_geom.mesh.loop_frame import first_point
@@ -43,11 +44,8 @@ def capped(mesh: TriangleMesh, loops: list[BoundaryLoop]) -> np.ndarray:
 
 def grid(columns: int, rows: int) -> tuple[np.ndarray, np.ndarray]:
     """Points and counter-clockwise triangles of a flat grid; vertex (x, y) has index y (columns + 1) + x."""
-    x, y = np.meshgrid(np.arange(columns + 1.0), np.arange(rows + 1.0))
-    corner = np.add.outer(np.arange(rows) * (columns + 1), np.arange(columns)).ravel()
-    a, b, c, d = corner, corner + 1, corner + columns + 2, corner + columns + 1
-    faces = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
-    return np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)]), faces
+    (x, y), faces = lattice(columns, rows)
+    return np.column_stack([x, y, 0 * x]), faces
 
 
 class TestKnownMeshes:

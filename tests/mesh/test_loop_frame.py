@@ -10,6 +10,7 @@ import pytest
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.loop_frame import LoopFrame, first_point, first_points
 from tests.fill.copies import POLYGONS, motions
+from tests.fill.shapes import circle
 
 
 def local(points: np.ndarray) -> np.ndarray:
@@ -75,6 +76,4 @@ def test_ties_of_many_polygons_are_broken_as_those_of_each() -> None:
 
 
 def test_long_symmetric_polygons_have_a_first_point() -> None:
-    angle = 2 * np.pi * np.arange(20_000) / 20_000
-    circle = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
-    assert first_point(circle) == (0, False)
+    assert first_point(circle(20_000)) == (0, False)

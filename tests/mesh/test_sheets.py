@@ -12,7 +12,7 @@ from spinor_geom.errors import NonManifoldEdgeError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.find_loops import Sheets, find_boundary_loops
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
-from tests.fill.shapes import tube
+from tests.fill.shapes import circle, tube
 
 SIDES, RINGS = 12, 6
 FAR = 2 * SIDES * 2  # a face between the third ring and the fourth
@@ -120,8 +120,7 @@ def test_pieces_inside_out_to_each_other_have_the_loops_of_their_own_faces() -> 
 def test_edges_of_very_many_faces_are_not_compared_in_pairs() -> None:
     # a book of 100 pages: each has its own outline, along the back of the book
     count = 100
-    angle = 2 * np.pi * np.arange(count) / count
-    pages = np.column_stack([np.cos(angle), np.sin(angle), np.full(count, 0.5)])
+    pages = circle(count, height=0.5)
     faces = np.column_stack([np.zeros(count, int), np.ones(count, int), np.arange(count) + 2])
     loops = find_boundary_loops(TriangleMesh(np.vstack([[[0, 0, 0], [0, 0, 1]], pages]), faces))
     assert len(loops) == count

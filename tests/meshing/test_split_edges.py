@@ -17,6 +17,7 @@ from spinor_geom.meshing.split_edges import edges_far_from_arcs
 from spinor_geom.plateau.rim_match import RimMatch
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.solve import solve_plateau
+from tests.fill.shapes import circle
 
 POINTS = 48
 
@@ -24,9 +25,7 @@ POINTS = 48
 @cache
 def annulus() -> PlateauSolution:
     """Between a circle and a smaller one over it."""
-    t = 2 * np.pi * np.arange(POINTS) / POINTS
-    circle = np.column_stack([np.cos(t), np.sin(t), 0 * t])
-    return solve_plateau([circle, 0.6 * circle + [0, 0, 0.3]])
+    return solve_plateau([circle(POINTS), circle(POINTS, 0.6, 0.3)])
 
 
 def through_some(solution: PlateauSolution, kept: list[np.ndarray]) -> PlateauSolution:
@@ -85,8 +84,7 @@ def test_signed_distances_are_computed_beside_the_rim_only(monkeypatch: pytest.M
 
 def test_no_chord_is_far_from_a_polygon_s_own_edges(monkeypatch: pytest.MonkeyPatch) -> None:
     """Ω of a rough loop is a polygon, whose patch needs no distances from ∂Ω."""
-    t = 2 * np.pi * np.arange(40) / 40
-    rim = np.column_stack([np.cos(t), np.sin(t), 0.2 * np.cos(2 * t)])
+    rim = circle(40, bend=0.2)
     solution = solve_plateau(rim + 0.05 * np.random.default_rng(0).uniform(-1, 1, rim.shape))
     assert solution.route == "vertices"
     plane = PlaneTriangulation(points=mesh_patch(solution).points, faces=mesh_patch(solution).faces, boundary_size=40)

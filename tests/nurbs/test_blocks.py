@@ -16,14 +16,14 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.nurbs.blocks import Blocks, _Ring
 from spinor_geom.nurbs.rims import Rim
 from spinor_geom.plateau.solution import PlateauSolution
+from tests.fill.shapes import circle
 
 PARAMETERS = np.linspace(0, 1, 17)
 
 
 @cache
 def annulus() -> PlateauSolution:
-    angle = 2 * np.pi * np.arange(32) / 32
-    rims = [np.column_stack([np.cos(angle), np.sin(angle), np.full(32, height)]) for height in (0.0, 0.5)]
+    rims = [circle(32, height=height) for height in (0.0, 0.5)]
     solution = solve_plateau([BoundaryLoop.from_points(rim, corners=()) for rim in rims])
     assert isinstance(solution, PlateauSolution)
     return solution

@@ -17,6 +17,7 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.rational_splines import NurbsPatch
 from spinor_geom.nurbs.nurbs_surface import NurbsSurface, nurbs_surface
 from spinor_geom.plateau.solution import PlateauSolution
+from tests.fill.shapes import circle
 from tests.open_cascade import area_of, count, distances, free_boundary, free_wires, is_valid
 from tests.plateau.rims import polygon, ring, sampled
 
@@ -24,8 +25,7 @@ SEAM_AREA = 4.36461878664500
 
 
 def circles(*heights: float, radius: float = 1.0) -> PlateauSolution:
-    angle = 2 * np.pi * np.arange(64) / 64
-    rims = [radius * np.column_stack([np.cos(angle), np.sin(angle), np.full(64, h / radius)]) for h in heights]
+    rims = [radius * circle(64, height=h / radius) for h in heights]
     return spinor_geom.solve_plateau([BoundaryLoop.from_points(rim, corners=()) for rim in rims])
 
 

@@ -18,6 +18,7 @@ from spinor_geom.plateau.plan import nearest_surface, plan
 from spinor_geom.plateau.problem import PlateauProblem
 from spinor_geom.plateau.route_result import NoConnectedSurfaceError, RouteResult
 from spinor_geom.plateau.vertices.vertex_route import THROUGH_POINTS
+from tests.fill.shapes import circle
 from tests.loops import CONVEX, noisy_ellipse, planar, uneven
 from tests.plateau.rims import TETRAHEDRON, coaxial, facing, ring, sampled
 
@@ -41,8 +42,7 @@ def rough_pair() -> list[BoundaryLoop]:
 
 def finger() -> BoundaryLoop:
     """A smooth ring with a finger half an edge wide and five edges long."""
-    t = 2 * np.pi * np.arange(200) / 200
-    ring = np.column_stack([np.cos(t), np.sin(t), 0.3 * np.cos(2 * t)])
+    ring = circle(200, bend=0.3)
     out = np.array([(-1 - 0.028 * k, 0.008, 0.3) for k in range(1, 7)])
     return BoundaryLoop.from_points(np.concatenate([ring[:100], out, out[::-1] * [1, -1, 1], ring[101:]]), corners=())
 

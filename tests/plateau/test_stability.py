@@ -16,6 +16,7 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau import solve_plateau
 from spinor_geom.plateau.stability import assess_stability, gauss_image_areas, lowest_modes
 from spinor_geom.surface.array_surface import ArraySurface
+from tests.fill.shapes import circle
 from tests.loops import noisy_ellipse
 from tests.sizes import constant_size
 
@@ -145,8 +146,7 @@ def test_a_solve_that_is_cut_short_is_stable_only_with_a_possible_curvature() ->
     """After few steps p and q of rough loops are far from those of a surface over them."""
     solved = 0
     for seed in range(4):
-        t = 2 * np.pi * np.arange(30) / 30
-        points = np.stack([np.cos(t), np.sin(t), 0.5 * np.cos(2 * t)], axis=1)
+        points = circle(30, bend=0.5)
         points += 0.1 * np.random.default_rng(seed).normal(size=points.shape)
         with suppress(SurfaceError):  # two steps are not enough for some
             stability = solve_plateau(BoundaryLoop.from_points(points), max_iterations=2, unstable="keep").stability

@@ -16,6 +16,7 @@ from spinor_geom.errors import OutOfTimeError
 from spinor_geom.gradients.minimal_surface import minimal_surface
 from spinor_geom.meshing.embed import mesh_patch
 from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution
+from tests.fill.shapes import circle
 
 
 @pytest.fixture
@@ -27,8 +28,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Callable[[], int]:
 
 
 def noisy(n: int, amount: float, *, seed: int = 0, height: float = 0.0) -> BoundaryLoop:
-    t = 2 * np.pi * np.arange(n) / n
-    ring = np.column_stack([np.cos(t), np.sin(t), height + 0.3 * np.cos(2 * t)])
+    ring = circle(n, height=height, bend=0.3)
     noise = amount * 2 * np.pi / n * np.random.default_rng(seed).normal(size=(n, 3))
     return BoundaryLoop.from_points(ring + noise, corners=())
 
@@ -46,11 +46,7 @@ def box(n: int, seed: int) -> BoundaryLoop:
 
 
 def rims(distance: float) -> list[BoundaryLoop]:
-    t = 2 * np.pi * np.arange(24) / 24
-    return [
-        BoundaryLoop.from_points(np.column_stack([np.cos(t), np.sin(t), 0.1 * np.cos(2 * t) + z]))
-        for z in (0.0, distance)
-    ]
+    return [BoundaryLoop.from_points(circle(24, height=z, bend=0.1)) for z in (0.0, distance)]
 
 
 CASES = {

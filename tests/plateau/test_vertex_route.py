@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import trimesh
 from scipy.spatial.transform import Rotation
 
 import spinor_geom as sg
@@ -18,12 +17,12 @@ from spinor_geom.plateau.problem import PlateauProblem
 from spinor_geom.plateau.vertices.through_points import NODES, Basis
 from spinor_geom.plateau.vertices.vertex_route import disk_through_points
 from spinor_geom.surface.array_surface import ArraySurface
+from tests.fill.shapes import bowl_below
 
 
 def cap(subdivisions: int, height: float) -> tuple[np.ndarray, np.ndarray]:
     """A sphere whose faces above a height are removed: its rim runs along triangles, in zigzags."""
-    ball = trimesh.creation.icosphere(subdivisions)
-    return np.asarray(ball.vertices), np.asarray(ball.faces[ball.triangles_center[:, 2] < height])
+    return bowl_below(height, subdivisions)
 
 
 def rim_of(subdivisions: int, height: float) -> BoundaryLoop:

@@ -15,7 +15,7 @@ from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.render.camera import Camera
 from spinor_geom.render.fill_scene import fill_scene, loops_scene, most_seen, whole_scene
 from spinor_geom.render.scene import Scene
-from tests.fill.shapes import tube
+from tests.fill.shapes import bowl_below, tube
 from tests.fill.test_bridge import ring
 
 
@@ -53,11 +53,9 @@ def test_everything_is_in_the_picture(scene: tuple[Scene, ...]) -> None:
 
 
 def test_a_patch_far_wider_than_the_mesh_is_in_the_picture() -> None:
-    ball = trimesh.creation.icosphere(2)
-    bowl = ball.faces[ball.triangles_center[:, 2] < -0.4]
-    used, faces = np.unique(bowl, return_inverse=True)
-    _, report = fill_hole((ball.vertices[used], faces.reshape(-1, 3)), 0, continuity="C1", return_report=True)
-    assert np.ptp(report.extension.vertices[:, 0]) > 1.02 * np.ptp(ball.vertices[used, 0])
+    bowl = bowl_below(-0.4, 2)
+    _, report = fill_hole(bowl, 0, continuity="C1", return_report=True)
+    assert np.ptp(report.extension.vertices[:, 0]) > 1.02 * np.ptp(bowl[0][:, 0])
     assert_shown(fill_scene(report))
 
 
