@@ -29,7 +29,7 @@ TURNS = 7  # if nothing changed, all seven ratios are over 1 in one of 128 cases
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Prints a table with one row per case; returns the exit status."""
+    """Prints a table with one row per case. Returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("base", type=Path, metavar="BASE", help="folder of the checkout to compare with")
     parser.add_argument("head", type=Path, nargs="?", metavar="HEAD", default=Path(__file__).parents[1])
@@ -110,14 +110,14 @@ def inputs(hole: "Hole", **options: Any) -> dict[str, Any]:
 
 
 def ragged(select: Callable[[int], bool], *names: str) -> list[dict[str, Any]]:
-    """Cases of the suite "ragged" with certain numbers of points; those cut along triangles if none is named."""
+    """Cases of the suite "ragged" with certain numbers of points. Those cut along triangles if none is named."""
     from spinor_geom.bench.ragged import CUT, ragged_hole
 
     return [inputs(hole) for hole in map(ragged_hole, names or CUT) if select(len(hole.rim))]
 
 
 def smooth(points: int, edges: float | None = None) -> list[dict[str, Any]]:
-    """A strip down from a wavy ellipse; the patch has edges of that many mean edges of the rim."""
+    """A strip down from a wavy ellipse. The patch has edges of that many mean edges of the rim."""
     from spinor_geom.bench.ragged import wavy_rim
 
     hole = wavy_rim("", points)
@@ -142,7 +142,7 @@ def sphere(subdivisions: int, holes: int) -> list[dict[str, Any]]:
 
 
 def whole_meshes(folder: Path) -> Mapping[str, Case]:
-    """The mesh files of a folder that have boundary edges; all of their holes are filled."""
+    """The mesh files of a folder that have boundary edges. All of their holes are filled."""
     from spinor_geom.bench.holes import hole_of_file, mesh_files
 
     return {file.name: (lambda file=file: [inputs(hole_of_file(file))]) for file in mesh_files(folder)}

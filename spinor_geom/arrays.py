@@ -142,12 +142,12 @@ def median(values: Float[np.ndarray, "*any n"]) -> Float[np.ndarray, "*any"]:
 
 
 def unit(v: Float[Array, "*any k"]) -> Float[Array, "*any k"]:
-    """Rows divided by their lengths; a zero row stays 0."""
+    """Rows divided by their lengths. A zero row stays 0."""
     return v / namespace(v).clip(norm(v), TINY**0.5, None)[..., None]
 
 
 def modulo_one(s: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
-    """The parameters modulo 1, always below 1; `np.mod(-1e-17, 1.0)` is 1."""
+    """The parameters modulo 1, always below 1. `np.mod(-1e-17, 1.0)` is 1."""
     share = s - np.floor(s)
     return np.asarray(share * (share < 1))
 
@@ -168,7 +168,7 @@ def shifted(x: Shaped[Array, "..."], by: int, axis: int = -1) -> Shaped[Array, "
 
 
 def distinct(numbers: Int[np.ndarray, "*_"]) -> Int[np.ndarray, " _"]:
-    """The distinct ones of some integers, ascending; `np.unique` takes several times as long for many."""
+    """The distinct ones of some integers, ascending. `np.unique` takes several times as long for many."""
     ordered = np.sort(numbers, axis=None)
     return np.asarray(ordered[np.append(True, ordered[1:] != ordered[:-1])[: len(ordered)]])
 

@@ -1,4 +1,4 @@
-"""The exceptions of the package; each message says what is wrong, where, and what to do."""
+"""The exceptions of the package. Each message says what is wrong, where, and what to do."""
 
 import importlib.util
 import math
@@ -230,7 +230,7 @@ class UnresolvedRimsError(SurfaceError):
 
 
 class NotContinuedError(SurfaceError):
-    """A mesh is not continued smoothly; the message is the reason."""
+    """A mesh is not continued smoothly. The message is the reason."""
 
 
 class PeriodError(SurfaceError):
@@ -354,13 +354,13 @@ class RenderError(SpinorGeomError, RuntimeError):
 
 
 def require(package: str, *, extra: str) -> None:
-    """Raises a MissingPackageError unless a package is installed; it is not imported."""
+    """Raises a MissingPackageError unless a package is installed. It is not imported."""
     if importlib.util.find_spec(package) is None:
         raise MissingPackageError(package=package, extra=extra)
 
 
 def require_type(value: Any, types: type | tuple[type, ...], *, function: str, takes: str) -> None:
-    """Raises an ArgumentTypeError unless a value has one of some types; `takes` describes them."""
+    """Raises an ArgumentTypeError unless a value has one of some types. `takes` describes them."""
     if not isinstance(value, types):
         raise ArgumentTypeError(function=function, takes=takes, found=type(value).__name__)
 

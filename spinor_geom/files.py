@@ -22,7 +22,7 @@ _FREE_SIZE, MOST_RATIO = 1 << 24, 200
 SURFACE_SUFFIX = ".safetensors"  # of saved surfaces
 MESH_SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".vtp", ".vtk", ".3mf")  # of mesh files that can be read
 _group: ContextVar[list[tuple[Path, Path]] | None] = ContextVar("files of `together`", default=None)
-# of files whose third axis is upwards; in GLB it is the second one, and in most other mesh files
+# of files whose third axis is upwards. In GLB it is the second one, and in most other mesh files
 Z_UP = (SURFACE_SUFFIX, ".stl", ".3mf", ".step", ".stp", ".igs", ".iges", ".brep")
 NUMBERED = "%~"  # in no other safe name: there two hexadecimal digits or nothing follow a %
 _UNSAFE = re.compile(r"[\x00-\x1f\x7f\\/:*?\"<>|%\ud800-\udfff]|^[. ]|[. ]$")
@@ -149,7 +149,7 @@ def _naming(path: str | os.PathLike[str], written: Path) -> Iterator[None]:
 def atomic_folder(path: str | os.PathLike[str], *, staging: str | os.PathLike[str]) -> Iterator[Path]:
     """A temporary folder in `staging`, which is renamed to `path` if the context ends without an error.
 
-    Its files are flushed to the disk (fsync) before; an old folder at `path` is removed. `staging`, on the same disk,
+    Its files are flushed to the disk (fsync) before. An old folder at `path` is removed. `staging`, on the same disk,
     and the parents of `path` are created if necessary. Raises an OSError if the disk is full or a folder cannot be
     created.
     """
@@ -202,7 +202,7 @@ def printable(text: str) -> str:
 
 
 def is_bomb(size: int, packed: int) -> bool:
-    """Whether a compressed file of `packed` bytes is a decompression bomb; `size` is the unpacked size."""
+    """Whether a compressed file of `packed` bytes is a decompression bomb. `size` is the unpacked size."""
     return size > _FREE_SIZE and size > MOST_RATIO * packed
 
 
@@ -213,7 +213,7 @@ def safe_name(parts: Iterable[str]) -> str:
     that is too long becomes %~ and a checksum.
     """
     *folders, last = map(_safe_part, parts)
-    # the folder of the results of a mesh file has its name; an input folder of that name must differ
+    # the folder of the results of a mesh file has its name. An input folder of that name must differ
     name = "/".join([*(f"{part}%" if part.lower().endswith(MESH_SUFFIXES) else part for part in folders), last])
     return name if len(os.fsencode(name)) <= _LONGEST_NAME else _shortened(name, _LONGEST_PART)
 
@@ -238,7 +238,7 @@ def _shortened(name: str, length: int) -> str:
 def _flush_names(folder: Path) -> None:
     """Flushes a folder's list of names to the disk, where that is possible.
 
-    Windows cannot open folders, other systems only with read permission; some network file systems cannot flush them.
+    Windows cannot open folders, other systems only with read permission. Some network file systems cannot flush them.
     """
     try:
         _flush(folder, os.O_RDONLY)

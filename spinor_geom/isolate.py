@@ -30,7 +30,7 @@ KEPT_OUTPUT = 4000  # bytes of the output of a job
 # the exit status of a process on Windows is the code of the exception that ended it
 EXCEPTIONS = {0xC0000005: "an access violation", 0xC00000FD: "a stack overflow", 0xC0000409: "an abort"}
 # `python -c` would import from the current folder, so its module path is replaced before anything is imported. Later
-# versions import modules before they run this line; they have an option that leaves the folder out.
+# versions import modules before they run this line. They have an option that leaves the folder out.
 START = "import sys; module, *sys.path = sys.argv[1:]; import runpy; runpy.run_module(module, run_name='__main__')"
 OPTIONS = ["-I"] if sys.flags.isolated else ["-P"] if sys.version_info >= (3, 11) else []
 
@@ -58,7 +58,7 @@ class Process:
     """A process that runs a module whose main program calls `serve`. It starts on first use and after a fault."""
 
     def __init__(self, module: str, environment: Mapping[str, str] | None = None) -> None:
-        """The module to run; `environment` is added to the environment variables of this process."""
+        """The module to run. `environment` is added to the environment variables of this process."""
         self._module, self._environment = module, {**(environment or {})}
         self._process: subprocess.Popen[str] | None = None
         self._in_use, self._closed = threading.Lock(), False
@@ -106,7 +106,7 @@ class Process:
         self._process = None
 
     def close(self) -> None:
-        """Kills the process and prevents a restart, from any thread; a running job raises a FaultError."""
+        """Kills the process and prevents a restart, from any thread. A running job raises a FaultError."""
         self._closed = True
         with self._in_use:
             self.end()

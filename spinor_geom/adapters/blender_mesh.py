@@ -33,7 +33,7 @@ _GROUP = "vertex group "
 
 
 class BlenderMeshAdapter:
-    """`bpy.types.Mesh` with quads and polygons, in its own coordinates; if it is being edited, as it is shown.
+    """`bpy.types.Mesh` with quads and polygons, in its own coordinates, and as it is shown if it is being edited.
 
     Attributes of real numbers at vertices and at corners, such as texture coordinates, are called "attribute NAME"; at
     a vertex whose corners differ, one of them counts. "shape key NAME" is the offset from the position. "vertex group
@@ -54,7 +54,7 @@ class BlenderMeshAdapter:
         return TriangleMesh(vertices, faces, vertex_attributes=attributes)
 
     def extend(self, obj: Any, extension: MeshExtension) -> Any:
-        """A new `Mesh` of the file with the extension appended; all that the old one has is copied.
+        """A new `Mesh` of the file with the extension appended. All that the old one has is copied.
 
         See `append` for the values at new vertices and faces.
         """
@@ -123,7 +123,7 @@ def append(edited: Any, extension: MeshExtension, shape_key: int = 0) -> list[An
     frequent material there. Vertices that no face uses are left out.
 
     Args:
-        edited: the mesh; it is changed.
+        edited: the mesh, which is changed.
         extension: of its triangles, in its coordinates.
         shape_key: the index of the shape key whose positions the mesh has.
 
@@ -188,7 +188,7 @@ def _set_vertices(edited: Any, new: dict[int, Any], extension: MeshExtension, sh
 
 
 def _set_corners(edited: Any, faces: list[Any], extension: MeshExtension, places: dict[int, Any]) -> None:
-    """Sets the attributes at the corners of new faces; `places` has an old corner for each vertex, or one near it."""
+    """Sets the attributes at the corners of new faces. `places` has an old corner for each vertex, or one near it."""
     layers, count = edited.loops.layers, len(edited.verts) - len(extension.vertices)
     others: list[tuple[str, Any, list[Any]]] = [
         (kind, layer, []) for kind in _OTHER_LAYERS for layer in getattr(layers, kind).values()
@@ -226,7 +226,7 @@ def _set(element: Any, kind: str, layer: Any, row: list[float]) -> None:
 
 @contextmanager
 def _current(mesh: Any) -> Iterator[Any]:
-    """A mesh as it is shown; a copy while it is being edited, when Blender does not give its attributes."""
+    """A mesh as it is shown, a copy while it is being edited, when Blender does not give its attributes."""
     import bpy
 
     if not mesh.is_editmode:

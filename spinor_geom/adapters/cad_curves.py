@@ -23,7 +23,7 @@ from spinor_geom.mesh.interpolation import piece_places, through
 from spinor_geom.mesh.rational_splines import NurbsCurve, homogeneous
 from spinor_geom.mesh.topology import linked
 
-# Relative error of the polynomials that interpolate the speed; it affects s only, all points are on the splines.
+# Relative error of the polynomials that interpolate the speed. It affects s only, all points are on the splines.
 SPEED_ERROR = 1e-12
 MOST_PARTS = 256  # of a span between two knots, for that error
 CHECKS = np.array([0.13, 0.47, 0.81])  # where on each part the error is measured
@@ -31,7 +31,7 @@ CHECKS = np.array([0.13, 0.47, 0.81])  # where on each part the error is measure
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class JoinedSplines:
-    """Rational B-splines of one degree; each begins where the one before ends, the first where the last ends."""
+    """Rational B-splines of one degree. Each begins where the one before ends, the first where the last ends."""
 
     spline: BSpline  # number k on k ≤ t < k + 1, in homogeneous coordinates (w·x, w·y, w·z, w) relative to `origin`
     origin: Float[np.ndarray, " 3"]  # a point of Γ, in mesh units; derivatives far from 0 would lose digits
@@ -46,7 +46,7 @@ class JoinedSplines:
         return cls(spline=BSpline(np.concatenate([*knots, last]), np.concatenate(poles), degree), origin=origin)
 
     def curve(self) -> ClosedCurve:
-        """Γ(s), s the share of the length; a CurveError if the derivative of a spline is 0 or not finite somewhere."""
+        """Γ(s), s the share of the length. Raises a CurveError if a spline's derivative is 0 or not finite."""
         at_knots = self._share(self._knots)
         return ClosedCurve(
             point=self.point,
@@ -164,7 +164,7 @@ CLOSING = 1e-6
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CadCurve(ClosedCurve):
-    """A closed curve of edges of a CAD model, by arc length; its points are on the edges, to rounding."""
+    """A closed curve of edges of a CAD model, by arc length. Its points are on the edges, to rounding."""
 
     length: float  # in units of the model
     edges: int  # number of its edges

@@ -26,7 +26,7 @@ class CompasAdapter:
         return TriangleMesh(vertices, polygons.triangulated(vertices)[0])
 
     def extend(self, obj: Any, extension: MeshExtension) -> Any:
-        """A copy with the extension appended; attributes of new vertices and faces have their default values."""
+        """A copy with the extension appended. Attributes of new vertices and faces have their default values."""
         made = obj.copy()
         keys = list(made.vertices())
         require_existing_vertices(extension.faces, vertices=len(keys) + len(extension.vertices))

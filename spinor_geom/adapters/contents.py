@@ -41,7 +41,7 @@ class FileContents:
     representatives: Int[np.ndarray, " v"]
     # the index of the loop that each polygon fills, also in an earlier fill if the file says so, or −1; None: all −1
     face_loops: Int[np.ndarray, " p"] | None = None
-    # curves beside faces, of vertex indices; a closed one repeats its first
+    # curves beside faces, of vertex indices. A closed one repeats its first
     polylines: tuple[Int[np.ndarray, " _"], ...] = ()
     names: tuple[str, ...] = ()  # of objects and groups, as "object/group"
     polygon_names: Int[np.ndarray, " p"] | None = None  # for each polygon an index into `names`, or None without names
@@ -83,7 +83,7 @@ class FileContents:
         return srgb_of(shown)
 
     def with_colors(self, *, linear: bool) -> FileContents:
-        """The contents with "color" proportional to light, or in sRGB; a fourth column, opacity, is not changed."""
+        """The contents with "color" proportional to light, or in sRGB. A fourth column, opacity, is not changed."""
         if linear == self.has_linear_colors or "color" not in self.attributes:
             return self
         colors = self.attributes["color"] / self.color_scale
@@ -172,7 +172,7 @@ def convert_words(
     convert: Callable[[Sequence[bytes]], list[Value]],
     error: Callable[[int, str], MeshFileError],
 ) -> list[Value]:
-    """Words converted all at once; if that fails, raises `error` of the index and the text of the first wrong word."""
+    """Words converted all at once. If that fails, raises `error` of the index and the text of the first wrong word."""
     try:
         return convert(words)
     except ValueError:

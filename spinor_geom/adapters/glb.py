@@ -39,7 +39,7 @@ def read_glb(data: bytes) -> FileContents:
 
     Primitives are in the order of the nodes. A mesh that several nodes use is read once for each node, up to
     `MOST_ROWS` rows in total. Skinned meshes are in their rest pose. Edges along which any attribute differs, and those
-    between the primitives of one node (which differ in material), are seams and are closed; nodes are not joined.
+    between the primitives of one node (which differ in material), are seams and are closed. Nodes are not joined.
     Draco, meshopt, sparse arrays, strips, morph targets and data outside the file are not supported.
     """
     try:
@@ -249,7 +249,7 @@ def _representatives(vertices: Float[np.ndarray, "v 3"], pieces: list[PlacedPrim
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlacedPrimitive:
-    """A primitive of triangles in one node; its vertices follow each other in the scene."""
+    """A primitive of triangles in one node. Its vertices follow each other in the scene."""
 
     node: int  # index of the node
     primitive: int  # index in the node's mesh

@@ -1,6 +1,6 @@
 """The container of binary glTF: its JSON, its one binary buffer, and the accessors that describe arrays in it.
 
-Only the buffer inside the file is read; a buffer or image that the JSON refers to by a URI is never opened.
+Only the buffer inside the file is read. A buffer or image that the JSON refers to by a URI is never opened.
 """
 
 from __future__ import annotations

@@ -76,7 +76,7 @@ class Open3DAdapter:
         return made
 
     def merged(self, obj: Any, within: Within) -> Any:
-        """A new mesh with vertices merged; data of triangles are copied."""
+        """A new mesh with vertices merged. Data of triangles are copied."""
         kept, new_index = self.to_mesh(obj).merge_map(within)
         attributes = {name: values[kept] for name, values in self._arrays(obj).items()}
         return self._copy(obj, np.asarray(obj.vertices)[kept], new_index[np.asarray(obj.triangles)], attributes)
@@ -153,7 +153,7 @@ class MeshioAdapter:
         )
 
     def merged(self, obj: meshio.Mesh, within: Within) -> meshio.Mesh:
-        """A new mesh with points merged; cells, data and sets are copied."""
+        """A new mesh with points merged. Cells, data and sets are copied."""
         import meshio
 
         kept, new_index = self.to_mesh(obj).merge_map(within)
@@ -209,7 +209,7 @@ class MeshSetAdapter:
         return self._copy(obj, vertices, np.concatenate([mesh.face_matrix(), extension.faces]), attributes)
 
     def merged(self, obj: pymeshlab.MeshSet, within: Within) -> pymeshlab.MeshSet:
-        """A new `MeshSet` with the vertices of its current mesh merged; the rest is copied as by `extend`."""
+        """A new `MeshSet` with the vertices of its current mesh merged. The rest is copied as by `extend`."""
         mesh = self._current(obj)
         kept, new_index = self.to_mesh(obj).merge_map(within)
         attributes = {name: values[kept] for name, values in self._arrays(mesh).items()}

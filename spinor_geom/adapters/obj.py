@@ -1,7 +1,7 @@
 """Wavefront OBJ: read in blocks, and extended without changing the bytes that were read.
 
 The lines `v`, `vt`, `vn`, `f`, `l`, `o` and `g` are read, in lower or upper case. Other lines, such as `mtllib`, are
-kept as text. The names after `mtllib` are read; the files are copied when the mesh is written.
+kept as text. The names after `mtllib` are read. The files are copied when the mesh is written.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ def read_obj(data: bytes) -> FileContents:
 
 
 def _library_names(text: bytes) -> tuple[str, ...]:
-    """The names after `mtllib`; a line may have several, separated by their suffix and a space."""
+    """The names after `mtllib`. A line may have several, separated by their suffix and a space."""
     if MATERIALS not in text:
         return ()
     lines = (match[1].decode("utf-8", "replace") for match in LIBRARY_LINE.finditer(text))
@@ -216,12 +216,12 @@ class _Reader:
 
 
 class _Block:
-    """Part of an OBJ file, split into lines; one that ends with a backslash, outside a comment, is joined to the next.
+    """Part of an OBJ file, split into lines. One that ends with a backslash, outside a comment, is joined to the next.
 
     Attributes:
         line_numbers: of each line in the file, from 1.
         sizes: how many words follow the first one on each line, −1 on blank lines.
-        lines: which lines begin with each of `KEYWORDS`; those of groups are among those of objects.
+        lines: which lines begin with each of `KEYWORDS`. Those of groups are among those of objects.
     """
 
     def __init__(self, data: bytes, *, first_line: int) -> None:
@@ -320,7 +320,7 @@ def _uniform_corners(text: bytes, count: int) -> Int[np.ndarray, "{count} 3"] | 
     text, is_signed = text.replace(b"//", b"/0/").replace(b"/", b" "), b"-" in text
     corners = np.zeros((count, 3), dtype=np.int64)
     try:
-        # `fromstring` takes a quarter of the time, but reads no signs; numbers of 64 bits become negative
+        # `fromstring` takes a quarter of the time, but reads no signs. Numbers of 64 bits become negative
         flat = np.array(list(map(int, text.split()))) if is_signed else np.fromstring(text, np.uint64, sep=" ")
         corners[:, : slashes + 1] = flat.reshape(count, slashes + 1)
     except (ValueError, OverflowError):
@@ -441,7 +441,7 @@ def _face_lines(
     has_uv: bool,
     heads: Mapping[int, str] = MappingProxyType({}),
 ) -> str:
-    """Faces by the indices at all their corners (position, texture, normal); each patch is a group.
+    """Faces by the indices at all their corners (position, texture, normal). Each patch is a group.
 
     `heads` has lines that come before some of the faces.
     """

@@ -12,7 +12,7 @@ from spinor_geom.adapters.records import Element, Property, Records, parse_rows,
 from spinor_geom.adapters.vertex_data import cast_values
 from spinor_geom.errors import MeshFileError
 
-# in Geomview's order; the prefixes 4 and n (four or n coordinates) are not supported
+# in Geomview's order. The prefixes 4 and n (four or n coordinates) are not supported
 KEYWORD = re.compile(rb"(ST|st)?(C|c)?(N)?(?:OFF|off)$")
 # ModelNet's files have the keyword and the first count in one word
 WORD = re.compile(rb"(?:ST|st)?[Cc]?N?(?:OFF|off)(?=\d)|[^\s#]+|#[^\n]*")
@@ -25,7 +25,7 @@ def read_off(data: bytes) -> FileContents:
     """The vertices, with colours, normals and texture coordinates, and the faces of an OFF file.
 
     Each vertex and each face has a line. Colours of faces are kept in the file but not read. Files without colours,
-    normals and texture coordinates may have other line breaks; such files are rewritten with standard line breaks.
+    normals and texture coordinates may have other line breaks. Such files are rewritten with standard line breaks.
     """
     if b"\0" in data:
         raise malformed(f"byte {data.index(0)}", "has a zero byte, so it is not a text file", "binary OFF is not read")

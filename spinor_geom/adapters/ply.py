@@ -1,4 +1,4 @@
-"""PLY, text and binary: polygons and all properties of vertices; other elements are kept when a file is extended."""
+"""PLY, text and binary: polygons and all properties of vertices. Other elements are kept when a file is extended."""
 
 import re
 from collections.abc import Callable, Mapping
@@ -22,7 +22,7 @@ NUMPY_TYPES = ("i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8")
 OLD_NAMES = ("char", "uchar", "short", "ushort", "int", "uint", "float", "double")
 TYPES = {np.dtype(kind).name: kind for kind in NUMPY_TYPES} | dict(zip(OLD_NAMES, NUMPY_TYPES, strict=True))
 BYTE_ORDERS = {"ascii": "<", "binary_little_endian": "<", "binary_big_endian": ">"}
-LONGEST_COUNT = 18  # digits; no file holds more
+LONGEST_COUNT = 18  # digits. No file holds more
 MOST_DECLARED = 1000  # elements and properties; the time to read a header grows with the square of their number
 LINE = re.compile(rb"[^\r\n]*(?:\r\n|\n|\r)")
 # attributes of several properties, with the names that programs use for these
@@ -114,7 +114,7 @@ def _property(description: list[str], order: str) -> Property | None:
 def contents_of_records(records: Records, *, suffix: str) -> FileContents:
     """The contents of a file from its records of vertices and faces; `suffix` as in `FileContents`.
 
-    Colours, normals and texture coordinates become "color", "normal" and "uv"; every other scalar property of the
+    Colours, normals and texture coordinates become "color", "normal" and "uv". Every other scalar property of the
     vertices becomes an attribute under its own name. Edges along which texture coordinates or normals differ are seams.
     """
     vertices, faces, strips = (records.elements.get(name) for name in ("vertex", "face", STRIPS))
@@ -170,7 +170,7 @@ def contents_of_records(records: Records, *, suffix: str) -> FileContents:
         nonfinite_places={vertex: vertices.line(vertex) for vertex in wrong},
         several=() if corner_uv is None else (UV,),
         corner_uv=corner_uv,
-        # strips cannot be extended; many programs read them only where there are no faces
+        # strips cannot be extended. Many programs read them only where there are no faces
         suffix="" if has_strips else suffix,
         notes=("triangle strips were changed into faces",) if has_strips else (),
         appended=None if has_strips else partial(_appended, records, groups, corner_list, of_new_faces),
@@ -188,9 +188,9 @@ def _corner_list(element: Element) -> str:
 
 
 def _triangles_of_strips(strips: Element, vertices: int) -> Int[np.ndarray, "t 3"]:
-    """The triangles of all strips; each three corners in a row are one, of which every second is reversed.
+    """The triangles of all strips. Each three corners in a row are one, of which every second is reversed.
 
-    Strips turn by repeating a corner; such triangles are left out.
+    Strips turn by repeating a corner. Such triangles are left out.
     """
     name = _corner_list(strips)
     stored, lengths = strips.values[name], strips.lengths[name]
@@ -312,7 +312,7 @@ def _table(element: Element, names: tuple[str, ...]) -> Float[np.ndarray, "n _"]
 
 
 def _attribute_groups(vertices: Element) -> dict[str, tuple[str, ...]]:
-    """The scalar properties of each attribute; those in no group are attributes of their own."""
+    """The scalar properties of each attribute. Those in no group are attributes of their own."""
     groups: dict[str, tuple[str, ...]] = {}
     free = [name for name in vertices.values if name not in {"x", "y", "z", *vertices.lengths}]
     for attribute, choices in GROUPS.items():

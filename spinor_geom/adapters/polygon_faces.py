@@ -67,7 +67,7 @@ class Polygons:
         return Polygons(corners=new_index[self.corners], starts=self.starts)
 
     def without_repeats(self) -> Polygons:
-        """The faces without corners equal to the next one; faces that then have fewer than three are left out."""
+        """The faces without corners equal to the next one. Faces that then have fewer than three are left out."""
         following = np.arange(1, len(self.corners) + 1)
         following[self.starts[1:] - 1] = self.starts[:-1]
         kept = self.corners != self.corners[following]
@@ -134,7 +134,7 @@ def _least_agreement(vertices: Float[np.ndarray, "v 3"], fans: Int[np.ndarray, "
 def chained(elements: Sequence[Int[np.ndarray, " _"]]) -> tuple[tuple[int, Int[np.ndarray, " _"]], ...]:
     """Pieces of polylines (k ≥ 2 vertex indices each) joined at every vertex where exactly two of their ends meet.
 
-    Returns for each curve the index of its first piece, which determines its direction, and its vertices; a closed
+    Returns for each curve the index of its first piece, which determines its direction, and its vertices. A closed
     curve begins and ends with the same one. Other pieces are reversed where needed.
     """
     pieces = [element.tolist() for element in elements]
@@ -151,7 +151,7 @@ def chained(elements: Sequence[Int[np.ndarray, " _"]]) -> tuple[tuple[int, Int[n
         curve = list(first)
         for _ in range(2):  # beyond its last vertex; then, reversed, beyond its first
             while curve[0] != curve[-1] and len(ends[curve[-1]]) == 2:
-                # one of the two is the last piece of the curve; the other is unused, because the curve is not closed
+                # one of the two is the last piece of the curve. The other is unused, because the curve is not closed
                 follower = next(piece for piece in ends[curve[-1]] if piece in unused)
                 unused.discard(follower)
                 added = pieces[follower]

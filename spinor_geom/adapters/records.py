@@ -55,7 +55,7 @@ class Records:
     elements: Mapping[str, Element]  # by name, in the file's order
 
     def appended(self, columns: Mapping[str, Mapping[str, np.ndarray]]) -> bytes:
-        """The file with records added to some elements; of its own bytes only their counts change.
+        """The file with records added to some elements. Of its own bytes only their counts change.
 
         `columns` has for each of these elements the new values of its properties, (n,) or (n, k) for lists; lists that
         are not given are empty.

@@ -52,7 +52,7 @@ _CURES = {
 
 
 def register(adapter: Adapter) -> None:
-    """Register an adapter for its types; it replaces earlier ones."""
+    """Register an adapter for its types. It replaces earlier ones."""
     for name in adapter.types:
         _adapters[name] = adapter
 
@@ -87,7 +87,7 @@ def extend(obj: Any, extension: MeshExtension) -> Any:
 
     Args:
         obj: as for `to_mesh`.
-        extension: what to append; its attributes are those of `to_mesh(obj)`.
+        extension: what to append. Its attributes are those of `to_mesh(obj)`.
 
     Raises:
         UnknownMeshTypeError, MeshFileError: as for `to_mesh`.

@@ -43,7 +43,7 @@ _HAS_IMAGE = re.compile(r"^\s*map_kd\s", _LINES)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Texture:
-    """An image of colours for the whole mesh; `name` is that of its file."""
+    """An image of colours for the whole mesh. `name` is that of its file."""
 
     data: bytes
     name: str

@@ -1,4 +1,4 @@
-"""3MF: all meshes of a package, at all positions in its build; colours and materials are not read."""
+"""3MF: all meshes of a package, at all positions in its build. Colours and materials are not read."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class _Object:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Instance:
-    """A mesh at one position in the build; its vertices follow each other in the scene."""
+    """A mesh at one position in the build. Its vertices follow each other in the scene."""
 
     key: _Key
     mesh: _Object
@@ -79,7 +79,7 @@ class _Instance:
 
 
 class _Package:
-    """The model parts of a 3MF file; those that others refer to (`p:path`) are read on first use."""
+    """The model parts of a 3MF file. Those that others refer to (`p:path`) are read on first use."""
 
     def __init__(self, data: bytes) -> None:
         try:
@@ -174,7 +174,7 @@ class _Package:
         return next((part for part in (name.lstrip("/"), beside) if part in self._entries), name.lstrip("/"))
 
     def instances(self, most_rows: int) -> list[_Instance]:
-        """The meshes at all their positions, in the order of the build; then meshes that the build does not use."""
+        """The meshes at all their positions, in the order of the build, then meshes that the build does not use."""
         found: list[_Instance] = []
         rows, missing, seen = most_rows, list[str](), set[_Key]()
 
@@ -292,7 +292,7 @@ def _appended(
 ) -> bytes:
     """A new file of the meshes at their positions, each with its patches.
 
-    A patch belongs to the mesh of its first vertex; vertices of other meshes are copied. A mesh without a patch is
+    A patch belongs to the mesh of its first vertex. Vertices of other meshes are copied. A mesh without a patch is
     written once for all of its positions.
     """
     if len(extension.faces) == 0:

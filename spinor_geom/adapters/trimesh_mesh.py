@@ -55,7 +55,7 @@ class TrimeshAdapter:
         """A new `Trimesh` with the extension appended; material, metadata and attributes are copied.
 
         New faces get the most frequent face colour and face attributes. Attributes that are not real numbers get zeros
-        or empty entries at new vertices. Normals are kept only if the extension has them; otherwise trimesh computes
+        or empty entries at new vertices. Normals are kept only if the extension has them. Otherwise trimesh computes
         them when they are read.
         """
         import trimesh
@@ -160,7 +160,7 @@ class _Part:
 
 
 class SceneAdapter:
-    """`trimesh.Scene`: every `Trimesh` in it once, in the scene's coordinates; points and paths are not changed.
+    """`trimesh.Scene`: every `Trimesh` in it once, in the scene's coordinates. Points and paths are not changed.
 
     A geometry that several nodes use has the position of the first of them. Attributes are those of `trimesh.Trimesh`.
     If two geometries have different attributes of one name, that of the later one gets the geometry's name as a prefix.

@@ -82,7 +82,7 @@ def cast_values(values: Real[np.ndarray, "k c"], dtype: np.dtype[Any]) -> np.nda
     if dtype.kind not in "iu":
         return values.astype(dtype)
     limits = np.iinfo(dtype)
-    # 2**63 - 1 is not a float64, and 2**63 not an int64; the bound is the largest float64 below the limit
+    # 2**63 - 1 is not a float64, and 2**63 not an int64. The bound is the largest float64 below the limit
     highest = np.nextafter(float(limits.max), 0.0) if float(limits.max) > limits.max else float(limits.max)
     return np.asarray(np.clip(np.rint(np.nan_to_num(values)), float(limits.min), highest), dtype=dtype)
 

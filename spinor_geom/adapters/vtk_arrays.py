@@ -62,7 +62,7 @@ def numbers_of(words: list[bytes], dtype: np.dtype[Any], place: str) -> Shaped[n
 
 
 def texts_of(texts: list[str], size: int, place: str) -> Shaped[np.ndarray, " n"]:
-    """Texts as an array, each of which takes as much memory as the longest; `size` is that of the file, in bytes."""
+    """Texts as an array, each of which takes as much memory as the longest. `size` is that of the file, in bytes."""
     if is_bomb(len(texts) * max(map(len, texts), default=0), size):
         raise malformed(place, "its texts have too different lengths", "shorten the longest")
     return np.array(texts, dtype=str)

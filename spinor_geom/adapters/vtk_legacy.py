@@ -150,7 +150,7 @@ class _Text:
         return unquote(self._next().decode("utf-8", "replace"))
 
     def next_is(self, word: str) -> bool:
-        """Whether a word follows; if so, it is read."""
+        """Whether a word follows. If so, it is read."""
         before = self.position
         if self.word() == word:
             return True

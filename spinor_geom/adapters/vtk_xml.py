@@ -31,7 +31,7 @@ LZMA_MEMORY = 1 << 27  # bytes, which the highest level of compression needs
 
 
 def read_xml(data: bytes) -> VtkMesh:
-    """The mesh in a .vtp file, its pieces one after the other; a MeshFileError names the array that cannot be read."""
+    """The mesh in a .vtp file, its pieces one after the other. A MeshFileError names the array that cannot be read."""
     appended = APPENDED.search(data)
     root = _tree(data if appended is None else data[: appended.start()] + b"</VTKFile>")
     if root.tag != "VTKFile" or root.get("type") != "PolyData":

@@ -70,7 +70,7 @@ def members(path: Path) -> Iterator[Member]:
 
 @contextmanager
 def _damage_as_archive_error(path: Path, name: str = "") -> Iterator[None]:
-    """Raises an ArchiveError for damaged bytes; errors of the disk are raised unchanged."""
+    """Raises an ArchiveError for damaged bytes. Errors of the disk are raised unchanged."""
     try:
         yield
     except DAMAGE as error:
@@ -135,7 +135,7 @@ def _tar_members(archive: Any) -> Iterator[tuple[int, Member]]:
 
 
 class _Header(tarfile.TarInfo):
-    """A header of a tar archive; an error if it is damaged, which for tarfile is the end of the archive."""
+    """A header of a tar archive. Raises an error if it is damaged. To tarfile that is the end of the archive."""
 
     @classmethod
     def frombuf(cls, buf: Any, *arguments: Any) -> Any:

@@ -295,7 +295,7 @@ class _Run:
 
 
 def _blocks(sources: Iterator[Source], counts: Counter[str], pool: Workers) -> Iterator[list[Source]]:
-    """Blocks of sources to be solved together; smaller near the end, so that all workers finish almost together."""
+    """Blocks of sources to be solved together. Those near the end are smaller, so that all workers finish together."""
     block: list[Source] = []
     submitted = most = 0
     for source in sources:

@@ -19,7 +19,7 @@ from spinor_geom.files import MESH_SUFFIXES, safe_name
 from spinor_geom.isolate import FaultError, Process
 
 MANIFESTS = (".csv", ".jsonl")
-# The last part of the keys of inputs that are not mesh files; without a suffix, so that no mesh file has this key.
+# The last part of the keys of inputs that are not mesh files. It has no suffix, so that no mesh file has this key.
 PROBLEM = "problem"
 LONGEST_LINE = 1 << 20  # of a manifest
 MOST_NAMED = 5  # suffixes named in an error
@@ -48,7 +48,7 @@ class Inputs:
     def __init__(
         self, inputs: Iterable[str | os.PathLike[str]], *, output: str | os.PathLike[str], limits: Limits
     ) -> None:
-        """Checks the inputs, and gives each a unique label; the output folder is not searched.
+        """Checks the inputs, and gives each a unique label. The output folder is not searched.
 
         `limits` are for the process that lists archives. Raises a BatchError if there are no inputs, one does not
         exist, or a pattern matches nothing.
@@ -75,7 +75,7 @@ class Inputs:
             raise BatchError("no inputs; give mesh files, folders, patterns, manifests or archives")
 
     def __iter__(self) -> Iterator[Source]:
-        """The sources; a file that cannot be used is a source with a problem.
+        """The sources. A file that cannot be used is a source with a problem.
 
         Raises a BatchError if an input has no sources, or if none of the sources is a mesh file.
         """

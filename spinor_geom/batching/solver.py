@@ -1,4 +1,4 @@
-"""The process that reads, solves and writes files of a batch; `workers` starts and supervises it."""
+"""The process that reads, solves and writes files of a batch. `workers` starts and supervises it."""
 
 import traceback
 import warnings

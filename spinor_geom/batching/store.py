@@ -72,7 +72,7 @@ class Store:
     """The output folder of one run."""
 
     output: str  # absolute
-    token: str  # identifies the run; it is in run.json too, and a later run in the folder replaces it there
+    token: str  # identifies the run. It is in run.json too, and a later run in the folder replaces it there
 
     def folder(self, key: str) -> Path:
         """The folder of a source's results. Raises BatchError if a link leads out of the output folder."""

@@ -45,7 +45,7 @@ TABLE, PAGE = "loops.csv", "summary.html"
 
 
 def write_summary(store: Store, sources: Iterable[Source], options: BatchOptions, seconds: float) -> tuple[Path, Path]:
-    """Writes table, log and page from the records, all or none; returns the paths of the table and the page."""
+    """Writes table, log and page from the records, all or none. Returns the paths of the table and the page."""
     path, page = Path(store.output, TABLE), Path(store.output, PAGE)
     content = _PageContent()
     with together():

@@ -118,7 +118,7 @@ class FileTask:
         return self._entry(outcome, self.hole_names[outcome.index], "hole", patch, self._mesh.contents)
 
     def _listed_hole(self, filling: Filling, index: int) -> dict[str, Any]:
-        """The entry of a hole that is not solved; its reason is why `fill` would leave it open."""
+        """The entry of a hole that is not solved. Its reason is why `fill` would leave it open."""
         loop = filling.loops[index]
         outcome = filling.left_open.get(index) or unfilled(index, loop, "")
         entry = self._hole(outcome, None)

@@ -44,7 +44,7 @@ class Workers:
 
 @contextmanager
 def open_workers(workers: int | None, scheduler: str | Cluster | Client | None, token: str) -> Iterator[Workers]:
-    """Workers on this machine or of a cluster; their processes end with the context."""
+    """Workers on this machine or of a cluster. Their processes end with the context."""
     if scheduler is not None:
         with _cluster_workers(scheduler, token) as pool:
             yield pool

@@ -31,7 +31,7 @@ _ROUNDING = 1e-12  # relative area error below which no further interpolant is t
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Case:
-    """A known minimal disk; its loop has equal steps of the formula's parameter, or equal or random edge lengths."""
+    """A known minimal disk. Its loop has equal steps of the formula's parameter, or equal or random edge lengths."""
 
     kind: Kind
     known: KnownCurve | KnownSurface | KnownPatch
@@ -53,7 +53,7 @@ class Case:
 
     @cached_property
     def chart(self) -> Chart:
-        """The exact surface; if only the area is known, the solution by power series over the curve's formula."""
+        """The exact surface. If only the area is known, the solution by power series over the curve's formula."""
         if self.known.chart is not None:
             return self.known.chart
         surface = solve_plateau(self.known, model="series").array_surface

@@ -194,7 +194,7 @@ def _read_scan(path: Path) -> tuple[_Mesh, csr_array, float]:
 
 @lru_cache(maxsize=128)  # every filler is run on all of them
 def named_cut_out(name: str, folder: Path | None = None) -> CutOut:
-    """A cut-out by name; those of scans need the folder of the mesh files."""
+    """A cut-out by name. Those of scans need the folder of the mesh files."""
     if name in CAPS or name in WINDOWS:
         kind, surface, chosen = {**CAPS, **WINDOWS}[name]
         make, exact = SURFACES[surface]

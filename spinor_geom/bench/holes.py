@@ -27,7 +27,7 @@ _COLLAR = math.sqrt(0.75)  # width of a collar per edge of the rim: the height o
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Hole:
-    """A mesh with boundary loops to close, its rims; its other, longer boundary loops must stay open."""
+    """A mesh with boundary loops to close, its rims. Its other, longer boundary loops must stay open."""
 
     name: str
     vertices: Float[np.ndarray, "n 3"]
@@ -102,7 +102,7 @@ def collar(name: str, rim: Float[np.ndarray, "n 3"], outer: Float[np.ndarray, "n
 def lattice(
     nx: int, ny: int, *, wrap_x: bool = False, wrap_y: bool = False
 ) -> tuple[Float[np.ndarray, "2 n"], Int[np.ndarray, "f 3"]]:
-    """A grid of nx × ny unit cells, two triangles each; a wrapped direction is periodic."""
+    """A grid of nx × ny unit cells, two triangles each. A wrapped direction is periodic."""
     width, depth = nx + (not wrap_x), ny + (not wrap_y)
     points = np.stack(np.meshgrid(np.arange(width), np.arange(depth))).reshape(2, -1).astype(np.float64)
     i, j = (part.ravel() for part in np.meshgrid(np.arange(nx), np.arange(ny)))
@@ -146,7 +146,7 @@ def cut_hole(
 
 
 def hole_of_file(path: str | Path) -> Hole:
-    """The mesh of a file; all of its boundary loops are rims."""
+    """The mesh of a file. All of its boundary loops are rims."""
     mesh = read_mesh(path).mesh
     return all_rims(Path(path).name, mesh.vertices, mesh.faces)
 

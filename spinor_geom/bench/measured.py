@@ -1,4 +1,4 @@
-"""The figures of disks and filled holes; each has one definition, see docs/benchmark.md."""
+"""The figures of disks and filled holes. Each has one definition, see docs/benchmark.md."""
 
 import math
 from pathlib import Path
@@ -50,7 +50,7 @@ def disk_figures(surface: Surface, mesh: Mesh, loop: BoundaryLoop, case: Case) -
         curvature = exact_curvature(surface, domain.points[domain.boundary_size :], _CURVATURE_POINTS)
         if len(curvature):
             figures["exact_curvature_median"] = float(np.median(curvature)) * diameter
-        # only inner vertices are on the surface; those on the rim are the given points
+        # only inner vertices are on the surface. Those on the rim are the given points
         fine = mesh_patch(surface, (4 * surface.area / 3**0.5 / _SURFACE_TRIANGLES) ** 0.5)
         distance = case.chart.distances(fine.vertices[fine.boundary_size :])
         figures["surface_distance_max"] = float(distance.max() / diameter) if len(distance) else None
@@ -81,7 +81,7 @@ def mesh_figures(
 
 
 def hole_figures(filled: Filled, hole: Hole, case: Case | None) -> Record:
-    """The figures of a filler's result; `case` is the known disk whose loop the hole has, if any."""
+    """The figures of a filler's result. `case` is the known disk whose loop the hole has, if any."""
     old, of_patch, vertex_of = _parts(filled, hole)
     patch, known = filled.faces[of_patch], vertex_of >= 0
     step = np.abs(filled.vertices[known] - hole.vertices[vertex_of[known]]).max(initial=0.0)

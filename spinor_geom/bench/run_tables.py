@@ -47,7 +47,7 @@ def csv_text(records: Sequence[Record]) -> str:
 
 
 def page_text(run: Run) -> str:
-    """The page: plots, a row for each tool, the pictured cut-outs, all figures; the promises are folded."""
+    """The page: plots, a row for each tool, the pictured cut-outs, all figures. The promises are folded."""
     views, figures = Views(), []
     for case in sorted(path for path in (run.folder / VIEWS).glob("*") if path.is_dir()):
         pieces = pieces_of(case)

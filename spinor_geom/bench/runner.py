@@ -139,7 +139,7 @@ def case_name(task: Task) -> str:
 
 
 def chosen_tasks(settings: Settings) -> list[Task]:
-    """All tasks of a run, sorted by method; an OptionError names a suite, case, method or folder that is unknown."""
+    """All tasks of a run, sorted by method. An OptionError names a suite, case, method or folder that is unknown."""
     if settings.data is not None and not settings.data.is_dir():
         raise OptionError(f"{settings.data} is not a folder; name a folder of mesh files")
     for kind, names, known in (("suite", settings.suites, tuple(SUITES)), ("method", settings.methods, tuple(METHODS))):
@@ -193,7 +193,7 @@ def measure(
         if on_record is not None:
             on_record(record, next(finished), len(tasks))
 
-    # one process per method, so that it imports only its own libraries; one for all in the short run, to save time
+    # one process per method, so that it imports only its own libraries. One for all in the short run, to save time
     for _, group in itertools.groupby(todo, key=lambda task: None if settings.quick else task["method"]):
         run_isolated(group, module=TASKS, time_limit=settings.time_limit, on_record=keep)
     return Run(folder=place, description=description, records=[done[key(task)] for task in tasks])
@@ -223,7 +223,7 @@ def run_isolated(
 
 
 def read_records(folder: Path) -> list[Record]:
-    """The records of a run's folder; an unfinished last line is removed from the file."""
+    """The records of a run's folder. An unfinished last line is removed from the file."""
     path = folder / RECORDS
     text = path.read_text(encoding="utf-8") if path.exists() else ""
     if text and not text.endswith("\n"):
@@ -233,7 +233,7 @@ def read_records(folder: Path) -> list[Record]:
 
 
 def _description(settings: Settings, folder: Path) -> dict[str, Any]:
-    """Writes the settings and the machine; the machine must be that of earlier parts of the run."""
+    """Writes the settings and the machine. The machine must be that of earlier parts of the run."""
     here, path = machine(), folder / DESCRIPTION
     if path.exists():
         before = json.loads(path.read_text(encoding="utf-8"))["machine"]

@@ -27,7 +27,7 @@ _ENOUGH_SECONDS = 2.0  # in all, after which a call is not repeated
 
 
 def run(task: Task) -> Record:
-    """Runs a task; the record of an exception has the status "missing", "refused" or "failed"."""
+    """Runs a task. The record of an exception has the status "missing", "refused" or "failed"."""
     gc.collect()
     gc.freeze()  # later collections skip what is imported and cached by now
     forget_peak_memory()
@@ -95,7 +95,7 @@ _HOLES: Mapping[str, Callable[[Task], Hole]] = {
 
 
 def _timed(prepare: Callable[[], tuple[Callable[[], Any], Callable[[Any], Any]]], repeat: int) -> tuple[Record, Any]:
-    """Times a call, and up to `repeat` more until they take 2 s together; the first one counts only without others.
+    """Times a call, and up to `repeat` more until they take 2 s together. The first one counts only without others.
 
     Returns the figures, and the converted result of the last call.
     """

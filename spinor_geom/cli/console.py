@@ -19,7 +19,7 @@ _WRAPPED = 20  # characters, the least width of a column that is broken into lin
 
 
 class ExitStatus(enum.IntEnum):
-    """Exit statuses; `IMPERFECT` means that the results were written, but some need a check."""
+    """Exit statuses. `IMPERFECT` means that the results were written, but some need a check."""
 
     DONE = 0
     IMPERFECT = 1
@@ -65,7 +65,7 @@ def show_table(
 ) -> None:
     """Writes a table to standard output: ruled on a terminal, else tab-separated lines if `piped`.
 
-    If the terminal is too narrow, optional columns are left out, in the order of `optional`; the column `wrapped` is
+    If the terminal is too narrow, optional columns are left out, in the order of `optional`. The column `wrapped` is
     broken into lines.
     """
     console = Console()
@@ -97,7 +97,7 @@ def show_lines(text: str, *, piped: bool) -> None:
 
 
 def _write(text: str) -> None:
-    """Writes to standard output; a closed pipe is no error, and any other OSError names standard output."""
+    """Writes to standard output. A closed pipe is no error, and any other OSError names standard output."""
     try:
         sys.stdout.write(text)
         sys.stdout.flush()

@@ -52,7 +52,7 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
     mesh = read_surface(arguments.input, merge=arguments.merge)
     edge_length: float | Literal["auto"] = arguments.edge_length or "auto"
     known_suffix(arguments.output)
-    require_writable(arguments.output)  # the filled mesh may replace the input; no other output may
+    require_writable(arguments.output)  # the filled mesh may replace the input. No other output may
     is_replaced = arguments.output.resolve() == arguments.input.resolve()
     outputs = [arguments.output]
     for path in (arguments.report, arguments.picture, arguments.html):

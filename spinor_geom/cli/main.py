@@ -29,7 +29,7 @@ _UNUSABLE = "2: invalid arguments or input, or a file cannot be written"
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command line (`argv` without the program's name, by default `sys.argv`) and returns the exit status."""
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
-        if getattr(sys, name) is None:  # closed by the shell; the next opened file would get its descriptor
+        if getattr(sys, name) is None:  # closed by the shell. The next opened file would get its descriptor
             setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115 - open until the end
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # ? for characters that the terminal cannot show
@@ -76,11 +76,11 @@ class _Parser(argparse.ArgumentParser):
     """Suggests the nearest option or choice for a mistyped one. The value of `--merge` is optional."""
 
     def error(self, message: str) -> NoReturn:
-        """Ends with one sentence; the usage of a command would hide it."""
+        """Ends with one sentence. The usage of a command would hide it."""
         self.exit(2, f"{self.prog}: error: {message}; {self.prog} --help lists the arguments\n")
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Parses the arguments; an unknown option is an error that suggests the nearest option of the command."""
+        """Parses the arguments. An unknown option is an error that suggests the nearest option of the command."""
         texts = list(sys.argv[1:] if args is None else args)
         if _MERGE in self._option_strings():
             texts = _with_merge_values(texts)

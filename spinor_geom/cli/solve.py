@@ -70,7 +70,7 @@ def film_writer(arguments: argparse.Namespace) -> Callable[[PlateauSolution, arg
 
 
 def _write_patches(solution: PlateauSolution, arguments: argparse.Namespace) -> tuple[str, str]:
-    """Writes a CAD file; the figures, and why it is not good."""
+    """Writes a CAD file. Returns the figures, and why it is not good."""
     surface = solution.to_nurbs(tolerance=arguments.deviation, time_limit=arguments.time_limit)
     surface.save(arguments.output, unit=arguments.unit or "mm")
     deviations = surface.deviations
@@ -82,7 +82,7 @@ def _write_patches(solution: PlateauSolution, arguments: argparse.Namespace) -> 
 
 
 def _write_mesh(solution: PlateauSolution, arguments: argparse.Namespace) -> tuple[str, str]:
-    """Writes a mesh of the surface, or of the solid of some thickness; the figures, and why it is not good."""
+    """Writes a mesh of the surface, or of the solid of some thickness. Returns the figures, and why it is not good."""
     length: float | Literal["auto"] = arguments.edge_length or "auto"
     problems = [] if solution.converged else [solution.reason]
     if arguments.thickness is None:

@@ -76,7 +76,7 @@ def minimum_area_triangulation(
 
 
 def triangles_of(split: Int[np.ndarray, "n n"]) -> Int[np.ndarray, "t 3"]:
-    """Triangles (i, j, k), i < j < k, over a closed curve; `split[i, l]` is the apex over the chord i to i + l."""
+    """Triangles (i, j, k), i < j < k, over a closed curve. `split[i, l]` is the apex over the chord i to i + l."""
     triangles, chords = [], [(0, len(split) - 1)]
     for first, last in chords:  # a few hundred at most; arrays for each generation take several times as long
         middle = split.item(first, last - first)

@@ -330,7 +330,7 @@ def _capped(polygon: Complex[np.ndarray, " m"], first: Disk, target: float | Non
 def remeshed(
     vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], boundary_size: int, size: float
 ) -> tuple[Float[np.ndarray, "k 3"], Int[np.ndarray, "t 3"]]:
-    """A disk remeshed by MeshLab with inner edges of about equal length; the boundary is unchanged and comes first.
+    """A disk remeshed by MeshLab with inner edges of about equal length. The boundary is unchanged and comes first.
 
     Edges away from the boundary triangles are split, collapsed and flipped, then all inner edges are flipped. A disk of
     boundary triangles only is returned unchanged.

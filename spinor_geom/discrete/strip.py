@@ -25,7 +25,7 @@ Rim = Float[np.ndarray, "m 3"]
 OtherRim = Float[np.ndarray, "n 3"]
 Places = tuple[Complex[np.ndarray, " _"], Complex[np.ndarray, " _"]]  # of both rims
 
-_MOST_POINTS = 128  # of a loop in the search for the strip; longer ones are thinned
+_MOST_POINTS = 128  # of a loop in the search for the strip. Longer ones are thinned
 _ROUNDS = 2  # of remeshing
 _GRID = 64  # radii, and angles, at which edge lengths are given
 
@@ -33,7 +33,7 @@ _GRID = 64  # radii, and angles, at which edge lengths are given
 def minimum_area_strip(first: Rim, second: OtherRim) -> tuple[Int[np.ndarray, "f 3"], float]:
     """The strip of m + n triangles of least area between two closed polygons, and its area.
 
-    Both polygons have the strip on their left. Each triangle has an edge of one polygon and a vertex of the other; the
+    Both polygons have the strip on their left. Each triangle has an edge of one polygon and a vertex of the other. The
     vertices of the second are numbered after those of the first. Dynamic programming for all start vertices of the
     second polygon at once, O(mn²).
 
@@ -109,7 +109,7 @@ def discrete_annulus(
 
 
 def ruled_annulus(first: Rim, second: OtherRim, target: float) -> tuple[PlaneTriangulation, Float[np.ndarray, "v 3"]]:
-    """A triangulated round annulus, mapped to straight lines between two polygons; its area is not minimised.
+    """A triangulated round annulus, mapped to straight lines between two polygons. Its area is not minimised.
 
     `target` is the edge length in space; otherwise as `discrete_annulus`.
     """

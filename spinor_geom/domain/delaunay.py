@@ -9,7 +9,7 @@ from jaxtyping import Complex, Float, Int
 from spinor_geom.arrays import distinct
 from spinor_geom.errors import DomainError
 
-# numbers of vertices of the polygons that bound a plane region, the outer one first; the region is on their left
+# numbers of vertices of the polygons that bound a plane region, the outer one first. The region is on their left
 Rims = tuple[int, ...]
 
 Places = Complex[np.ndarray, " k"]

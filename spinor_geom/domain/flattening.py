@@ -69,7 +69,7 @@ class DirichletToNeumann:
     """
 
     def __init__(self, laplacian: Callable[[], csc_array], boundary_size: int) -> None:
-        """`laplacian` computes the Laplacian of all vertices, boundary vertices first; it is called on first use."""
+        """`laplacian` computes the Laplacian of all vertices, boundary vertices first. It is called on first use."""
         self.boundary_size = boundary_size
         self._make = laplacian
 
@@ -136,7 +136,7 @@ def flatten(
     """Flattens a discrete surface conformally, with a boundary scale as close to 1 as possible for a simple boundary.
 
     The boundary of a disk is first laid out at u = 0. With holes, Newton's method minimises |u|²/ℓ² + u·Λu/ℓ with the
-    constraints that each hole is closed and has the total turning −2π. Each rim is laid out separately; position,
+    constraints that each hole is closed and has the total turning −2π. Each rim is laid out separately. Position,
     rotation and scale of the holes minimise the conformal energy, which is the Dirichlet energy minus the area.
 
     If rims cross, or the gap across the outside between two far parts of the outer rim is below `CLEARANCE`, u
@@ -145,7 +145,7 @@ def flatten(
     boundary is simple with that clearance. If no α suffices, small lobes are removed by `untangled`.
 
     The first `boundary_size` vertices are those of the outer rim, then those of the holes, in order with the surface on
-    their left; `holes` are their numbers, and faces run counter-clockwise. `drawn` maps the rims to samples of the
+    their left. `holes` are their numbers, and faces run counter-clockwise. `drawn` maps the rims to samples of the
     curves through their vertices, which must bound a domain as well. Raises a DomainError if no simple domain is found.
 
     Source: Sawhney & Crane (2018) for u ↦ k₀ + Λu; Lévy et al., "Least squares conformal maps", ACM TOG 21 (2002), for
@@ -170,7 +170,7 @@ def flatten_boundary(
     """`flatten` from the edge lengths, the turning angles at u = 0 and the operator Λ. Raises the same errors.
 
     A gap below the clearance, in local edge lengths, is accepted if no larger one is found. With `saws`, the term u·Λu
-    is left out: the boundary then has fewer notches, but may zigzag from vertex to vertex; the caller must smooth it.
+    is left out: the boundary then has fewer notches, but may zigzag from vertex to vertex. The caller must smooth it.
     """
     rims = (len(edge) - sum(holes), *holes)
     plain, lobed = itertools.tee(_layouts(edge, turning, neumann, rims, saws=saws))

@@ -30,7 +30,7 @@ _SHORTEST = EPS**0.5  # shortest piece of the image per its length; parts of sho
 
 @dataclass(frozen=True, kw_only=True)
 class _Power:
-    """The map ((z − corner)/middle)^exponent; its branch cut lies outside Ω."""
+    """The map ((z − corner)/middle)^exponent. Its branch cut lies outside Ω."""
 
     corner: complex
     middle: complex
@@ -51,7 +51,7 @@ class Opening:
 
     Attributes:
         boundary: of the image, with as many vertices.
-        before: parameters of its vertices on the given boundary, increasing; the last is the first one plus 1.
+        before: parameters of its vertices on the given boundary, increasing. The last is the first one plus 1.
         powers: the maps, in the order in which they are applied.
         given: the given boundary.
     """
@@ -70,7 +70,7 @@ class Opening:
 
         Args:
             given: boundary of a domain without holes, counter-clockwise.
-            angles: of the image at each corner, in order; a reentrant corner is opened if its angle here is below π.
+            angles: of the image at each corner, in order. A reentrant corner is opened if its angle here is below π.
         """
         corners = np.flatnonzero(given.corners)
         ends = given.parameters[corners]

@@ -33,7 +33,7 @@ LogScale = Float[np.ndarray, " m"]
 class SplineBoundary:
     """A closed curve z(t) of polynomial pieces, t in [0, 1), smooth except at its corners."""
 
-    parameters: Float[np.ndarray, " m1"]  # of the vertices, from 0; the last one is 1, the first vertex again
+    parameters: Float[np.ndarray, " m1"]  # of the vertices, from 0. The last one is 1, the first vertex again
     coefficients: Complex[np.ndarray, "d1 m"]  # of the pieces, highest power first
     corners: Bool[np.ndarray, " m"]  # which vertices are corners
 
@@ -181,7 +181,7 @@ class PlaneDomain:
 
     Attributes:
         boundary: the outer boundary, counter-clockwise.
-        triangulation: triangles inside the polygons of the boundary vertices; these come first, rim after rim.
+        triangulation: triangles inside the polygons of the boundary vertices. These come first, rim after rim.
         log_scale: u at the boundary vertices: e^u is the length in Ω per length on the flattened discrete surface.
         holes: boundaries of the holes, clockwise.
     """
@@ -335,7 +335,7 @@ class PlaneDomain:
 
     @cached_property
     def parents(self) -> Int[np.ndarray, " n"]:
-        """For each vertex of the triangulation its predecessor on the path from the root; the root's is itself.
+        """For each vertex of the triangulation its predecessor on the path from the root. The root's is itself.
 
         Paths are the shortest ones along edges, with the lengths of edges at ∂Ω multiplied by a large factor: integrals
         are less accurate near the poles of p and q, which are near ∂Ω.
@@ -375,7 +375,7 @@ def panel_breaks(boundary: Boundary) -> Float[np.ndarray, " b"]:
 
 @lru_cache(maxsize=16)  # most loops are solved on the unit disk
 def _graded_triangulation(vertices: bytes, rims: Rims) -> PlaneTriangulation:
-    """`triangulate_polygon` of rims; the complex vertices are given as bytes, which can be hashed."""
+    """`triangulate_polygon` of rims. The complex vertices are given as bytes, which can be hashed."""
     points = np.frombuffer(vertices, dtype=np.complex128)
     outer, *holes = np.split(points, np.cumsum(rims)[:-1])
     mesh = triangulate_polygon(outer, holes=holes)

@@ -19,7 +19,7 @@ LARGEST_ORDER = 1000  # the time for the nodes of "gauss" grows with its cube
 
 
 class Rule(NamedTuple):
-    """Nodes and weights on [0, 1]; the weights sum to 1."""
+    """Nodes and weights on [0, 1]. The weights sum to 1."""
 
     nodes: Float[np.ndarray, " n"]
     weights: Float[np.ndarray, " n"]
@@ -95,7 +95,7 @@ class Panels:
 
     @classmethod
     def around(cls, domain: PlaneDomain, breaks: Sequence[Float[np.ndarray, " _"]], order: int) -> Panels:
-        """Panels on all of ∂Ω; `breaks` are the panel ends from 0 to 1 on each of its boundaries."""
+        """Panels on all of ∂Ω. `breaks` are the panel ends from 0 to 1 on each of its boundaries."""
         parts = [cls.on(boundary, ends, order) for boundary, ends in zip(domain.boundaries, breaks, strict=True)]
         return cls(
             order=order,

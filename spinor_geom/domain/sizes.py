@@ -119,7 +119,7 @@ class SizeField:
 
     Args:
         growth: largest increase per unit of distance.
-        decay: largest decrease per unit of distance; by default there is no lower bound.
+        decay: largest decrease per unit of distance. By default there is no lower bound.
         samples: points (n,).
         lengths: wanted edge lengths at the samples, positive and finite.
         neighbours: 1 to 8; log h is the mean of those of so many nearest samples, weighted by the inverse squared

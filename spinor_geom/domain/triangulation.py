@@ -86,9 +86,9 @@ def triangulate_polygon(
         boundary: the polygon, counter-clockwise.
         size: wanted edge lengths, in units of the polygon, by default those of `SizeField()`.
         holes: polygons inside, clockwise, which are left out.
-        seeds: inner points to start from; those outside or too near to the boundary are omitted, and points along the
+        seeds: inner points to start from. Those outside or too near to the boundary are omitted, and points along the
             boundary are added. By default a lattice with the largest wanted size as spacing.
-        max_points: limit for the number of inner points; the largest triangles are refined first.
+        max_points: limit for the number of inner points. The largest triangles are refined first.
         seconds: limit for the time of the refinement.
 
     Raises:

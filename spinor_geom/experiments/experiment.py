@@ -157,7 +157,7 @@ def _finished(path: Path) -> dict[str, Any]:
 
 
 def report(done: Sequence[Results], *, quick: bool, shown: Callable[[str], str] | None = None) -> str:
-    """The report in Markdown; `shown` returns the Markdown of a picture from its path, by default a link."""
+    """The report in Markdown. `shown` returns the Markdown of a picture from its path, by default a link."""
     start = [
         f"# {TITLE}",
         f"{'Quick' if quick else 'Full'} run: {len(done)} {'experiment' if len(done) == 1 else 'experiments'} in "

@@ -35,7 +35,7 @@ def log_log(
     slopes: Mapping[str, int] | None = None,
     linear_x: bool = False,
 ) -> Figure:
-    """Lines (x, y) by label on logarithmic axes; `slopes` adds lines of given slope through their first points."""
+    """Lines (x, y) by label on logarithmic axes. `slopes` adds lines of given slope through their first points."""
     figure = Figure(figsize=(7, 4.5), layout="constrained")
     axes = figure.add_subplot()
     for label, (at, value) in lines.items():

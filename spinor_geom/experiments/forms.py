@@ -47,7 +47,7 @@ def twisted_circle(*, rmsprop: RMSprop, network: LevenbergMarquardt) -> Outcome:
 
 
 def tennis_seam(*, parameters: Sequence[float], rmsprop: RMSprop, network: LevenbergMarquardt) -> Outcome:
-    """Runs every method on the seam of each a; the rows contain the known disk that was found."""
+    """Runs every method on the seam of each a. The rows contain the known disk that was found."""
     rows: list[dict[str, Any]] = []
     outcomes = []
     for a in parameters:

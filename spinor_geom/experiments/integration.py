@@ -28,7 +28,7 @@ _NEARLY_ZERO = 1e-2  # |H| in 1/diagonal, as of a sphere with a radius of 100 di
 
 def catenoid_error(*, grid: tuple[int, int], steps: Sequence[int]) -> Outcome:
     """Measures distances from the catenoid for every rule and number of steps, on a grid of its rectangle."""
-    # r = (cosh u cos v, cosh u sin v, u) over [−1, 1] × [0, 2π] has neck 1; the gallery's has rims of radius 1
+    # r = (cosh u cos v, cosh u sin v, u) over [−1, 1] × [0, 2π] has neck 1. The gallery's has rims of radius 1
     known, neck = catenoid(1 / math.cosh(1)), math.cosh(1)
     around, along = grid
     z = np.linspace(-1, 1, along)[:, None] + 1j * np.linspace(0, 2 * np.pi, around)
@@ -85,7 +85,7 @@ def mean_curvature(*, grid: int, steps: Sequence[int], network: LevenbergMarquar
 
 
 def heat_maps(*, grid: tuple[int, int], steps: int, network: LevenbergMarquardt) -> Outcome:
-    """Measures |H| by the trapezoidal rule on circles in the disk; the grid is their number and points on each."""
+    """Measures |H| by the trapezoidal rule on circles in the disk. The grid is their number and points on each."""
     z, _ = disk_grid(*grid)
     rows: list[dict[str, Any]] = []
     drawn = {}

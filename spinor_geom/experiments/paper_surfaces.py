@@ -56,7 +56,7 @@ def perturbed_series(depth: int) -> SpinorSurface:
 def boundary_of(surface: SpinorSurface, name: str) -> KnownCurve:
     """The boundary of a surface over the unit disk as a closed curve: r(e^{2πiw}), w = t + β sin(2πt)/2π + b.
 
-    Its parameter t is not the angle on the circle; a solver has to find the relation.
+    Its parameter t is not the angle on the circle. A solver has to find the relation.
     """
     t = np.arange(_BOUNDARY_POINTS) / _BOUNDARY_POINTS
     place = t + _UNEVEN * np.sin(2 * np.pi * t) / (2 * np.pi) + _SHIFT
@@ -72,7 +72,7 @@ def solved_by_network(curve: KnownCurve, options: LevenbergMarquardt) -> Trained
 
 
 def reconstructed(options: LevenbergMarquardt) -> dict[str, SpinorSurface]:
-    """Networks fitted to the boundaries of the four surfaces; the last two boundaries are of prescribed surfaces."""
+    """Networks fitted to the boundaries of the four surfaces. The last two boundaries are of prescribed surfaces."""
     curves = {
         "twisted circle": twisted_circle(),
         "tennis seam": tennis_seam(0.8),

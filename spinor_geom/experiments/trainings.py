@@ -111,7 +111,7 @@ def _time_and_distance(
 
 
 def prescribed(*, depth: int, network: LevenbergMarquardt, random: RMSprop, perturbed: RMSprop) -> Outcome:
-    """Recovers two surfaces from their boundaries; `random` and `perturbed` are options of the paper's trainings."""
+    """Recovers two surfaces from their boundaries. `random` and `perturbed` are options of the paper's trainings."""
     rows: list[dict[str, Any]] = []
     pictures: dict[str, Figure] = {}
     for name, truth, paper in (
@@ -157,7 +157,7 @@ def prescribed(*, depth: int, network: LevenbergMarquardt, random: RMSprop, pert
 class MoebiusFit:
     """T(z) = e^{iθ}(z − a)/(1 − āz) and the sign for which p ≈ ±p₀∘T √T′ and q ≈ ±q₀∘T √T′.
 
-    Residuals of p, q and f are per largest modulus; that of g is the largest distance of the normals.
+    Residuals of p, q and f are per largest modulus. That of g is the largest distance of the normals.
     """
 
     center: complex  # a

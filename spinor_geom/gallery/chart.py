@@ -45,7 +45,7 @@ class Chart:
     def hausdorff(
         self, vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], *, samples: int = 20_000
     ) -> HausdorffDistance:
-        """Symmetric Hausdorff distance as by `hausdorff_distance`; `forward` is from the mesh to the surface."""
+        """Symmetric Hausdorff distance as by `hausdorff_distance`. `forward` is from the mesh to the surface."""
         here, there = mesh_samples(vertices, faces, samples), self.samples(samples)
         backward = there.summary(distances_to_mesh(there.points, vertices, faces))
         return HausdorffDistance(forward=here.summary(self.distances(here.points)), backward=backward)
@@ -70,7 +70,7 @@ class Chart:
     def distances(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
         """Distances of points from the surface; nearest points may lie slightly outside the polygon.
 
-        Gauss-Newton's method starts from the nearest of 3000 points; steps are shortened until the distance falls.
+        Gauss-Newton's method starts from the nearest of 3000 points. Steps are shortened until the distance falls.
         """
         blocks = np.array_split(points, -(-len(points) // _BLOCK)) if len(points) else [points]
         images = [np.concatenate([self._distances(block @ m) for block in blocks]) for m in self.symmetries]

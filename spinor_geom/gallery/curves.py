@@ -152,7 +152,7 @@ def scherk(side: float = 2.0) -> KnownCurve:
 
 
 def polygon(vertices: ArrayLike, *, name: str = "polygon", source: str = "its vertices") -> KnownCurve:
-    """The closed polygon through (k, 3) vertices, k ≥ 3, by arc length; the first vertex is not repeated."""
+    """The closed polygon through (k, 3) vertices, k ≥ 3, by arc length. The first vertex is not repeated."""
     corners = np.asarray(vertices, dtype=np.float64)
     if corners.ndim != 2 or corners.shape[1] != 3 or len(corners) < 3:
         raise OptionError(f"a polygon needs vertices of shape (k, 3) with k at least 3, got {corners.shape}")

@@ -82,7 +82,7 @@ class KnownSurface:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class KnownPatch:
-    """A minimal disk with an exact formula; the sides of its boundary are given in the plane of its chart."""
+    """A minimal disk with an exact formula. The sides of its boundary are given in the plane of its chart."""
 
     name: str  # for tables and messages
     chart: Chart

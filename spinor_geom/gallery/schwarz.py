@@ -80,7 +80,7 @@ def _polygon_chart(corners: Float[np.ndarray, "c 3"], up: Float[np.ndarray, "3"]
     """The minimal disk of a skew polygon, whose Gauss image is the spherical polygon of the normals at the corners.
 
     The normals along a straight edge are on a great circle. Scale, α and translation are fitted to the corners. `up` is
-    the unit normal at the centre, s = 0; the degree of the Gauss map is 2 for a flat point there (a monkey saddle).
+    the unit normal at the centre, s = 0. The degree of the Gauss map is 2 for a flat point there (a monkey saddle).
     """
     to_axis, _ = Rotation.align_vectors([[0.0, 0.0, -1.0]], [up])
     normals = np.cross(np.roll(corners, -1, axis=0) - corners, np.roll(corners, 1, axis=0) - corners)
@@ -141,7 +141,7 @@ def schwarz_prism(stretch: float = 1.0) -> KnownCurve:
     It is a piece of a tetragonal relative of the D surface, Schwarz's solution of Gergonne's problem: φ =
     (z² − 1, −i(z² + 1), 2z)(1 − 2 cosh 2τ z⁴ + z⁸)^{−1/2} over the unit disk, cut from its circle to the four roots.
     Half the side is L = K(k)/(2√cosh τ) with k² = (cosh τ − 1)/(2 cosh τ), half the height c = e^{−τ}K(κ) with
-    κ = e^{−2τ}, the area K(k)K(k′)/cosh τ + 2e^{−2τ}K(κ)K(κ′). The curve is scaled to L = 1; the stretch is c/L.
+    κ = e^{−2τ}, the area K(k)K(k′)/cosh τ + 2e^{−2τ}K(κ)K(κ′). The curve is scaled to L = 1. The stretch is c/L.
     """
     if not 0.05 < stretch < 20:
         raise OptionError(f"the prism needs a stretch in (0.05, 20), got {stretch}")
@@ -180,7 +180,7 @@ def schwarz_h(a: float = 0.3) -> KnownPatch:
     """A twelfth of the cell of Schwarz's H surface: a straight side and three sides in planes of mirror symmetry.
 
     φ = (s⁴ − 1, −i(s⁴ + 1), 2s²)((1 − s⁶/a³)(1 − a³s⁶))^{−1/2} over the sector 0 < arg s < π/6 of the unit disk, with
-    corners at 0, √a, 1 and e^{iπ/6}; a is the size of the triangles relative to the height between them. The flux
+    corners at 0, √a, 1 and e^{iπ/6}. Here a is the size of the triangles relative to the height between them. The flux
     ∫ Im φ ds is orthogonal to a straight side, and parallel to the normal of the plane of a side in a mirror plane, so
     the area is ½ Σ r_j · Im(W_{j+1} − W_j) over the corners, W = ∫ φ ds. Raises OptionError for an a outside [0.2, 1):
     for smaller ones the paths of integration pass the roots.

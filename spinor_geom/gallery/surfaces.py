@@ -121,7 +121,7 @@ def henneberg(centre: complex = 2.0, radius: float = 0.6) -> KnownSurface:
 def associate(angle: float = math.pi / 4, *, reach: float = 1.0, turn: float = math.pi) -> KnownSurface:
     """A member Re e^{iα}(cosh z, −i sinh z, z) of the family of the catenoid (α = 0) and the helicoid (α = π/2).
 
-    It lies over |x| < U, 0 < y < turn, with U the reach; its area is turn·(U + sinh U cosh U) for every angle α.
+    It lies over |x| < U, 0 < y < turn, with U the reach. Its area is turn·(U + sinh U cosh U) for every angle α.
     """
     require_positive("reach", reach)
     require_positive("turn", turn)
@@ -132,7 +132,7 @@ def associate(angle: float = math.pi / 4, *, reach: float = 1.0, turn: float = m
 def catenoid(height: float = 0.5, *, turn: float = 2 * math.pi) -> KnownSurface:
     """The stable catenoid between the unit circles at z = ±h, cut open: the part within an angle `turn` about the axis.
 
-    The neck c solves c·cosh(h/c) = 1; the area is turn·c²(U + sinh U cosh U) with U = h/c. Raises OptionError
+    The neck c solves c·cosh(h/c) = 1. The area is turn·c²(U + sinh U cosh U) with U = h/c. Raises OptionError
     for an h above 0.66274…, for which there is no catenoid.
     """
     # for c = h/x*, x* tanh x* = 1, the stable and the unstable catenoid coincide

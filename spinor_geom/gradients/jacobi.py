@@ -89,7 +89,7 @@ class JacobiFields:
         return np.asarray(arnoldi_hessenberg(self._nodes, weight / weight.sum(), _DEGREE))
 
     def _features(self, z: Complex[np.ndarray, " k"]) -> Values:
-        """Basis functions of δp and δq; they change sign where p and q do."""
+        """Basis functions of δp and δq. They change sign where p and q do."""
         raw = np.asarray(raw_features(z, self._hessenberg, self._poles.positions, self._poles.scales))
         surface = self.solution.array_surface
         sign_changing = getattr(surface.model, "sign_changing", None)
@@ -169,7 +169,7 @@ class JacobiFields:
         # Cauchy's formula, divided by the same sum for 1
         total = cauchy_sums(self._nodes, self._steps[:, None], self.z)
         strength = strengths / total
-        # in blocks small enough for direct sums; the fast method needs ordered sources
+        # in blocks small enough for direct sums. The fast method needs ordered sources
         parts = np.array_split(np.arange(len(self.z)), 1 + len(self.z) * len(self._nodes) // _AT_ONCE)
         sums = sum(cauchy_sums(self.z[part], strength[part], self._nodes) for part in parts)
         spread = -sums * self._steps[:, None]

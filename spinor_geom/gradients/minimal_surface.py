@@ -49,7 +49,7 @@ def minimal_area(
 
     The curve through the points is a spline of degree 5 at any positions of the points, as with
     `solve_plateau(..., between="quintic")`, so that area and gradient are continuous. The gradient is ∮ ν·δΓ ds, see
-    `PlateauSolution.area_gradient`; it takes a small part of the time of the solve. Second derivatives and
+    `PlateauSolution.area_gradient`. It takes a small part of the time of the solve. Second derivatives and
     `torch.func.vmap` are not available.
 
     Args:
@@ -57,9 +57,9 @@ def minimal_area(
         corners: indices of the points that are corners; for several rims one entry for each. "auto" detects them, so
             that the area jumps where a moved point becomes a corner.
         model: as for `solve_plateau`.
-        tolerance: as for `solve_plateau`; the relative error of the gradient is about that of the boundary. For smooth
+        tolerance: as for `solve_plateau`. The relative error of the gradient is about that of the boundary. For smooth
             curves the residual is at most 1e-8 of an edge with any tolerance.
-        time_limit: as for `solve_plateau`, in seconds; the derivative is computed after it.
+        time_limit: as for `solve_plateau`, in seconds. The derivative is computed after it.
 
     Returns:
         The area, a float64 scalar on the device of the points.
@@ -148,9 +148,9 @@ def minimal_surface(
     time_limit: float = math.inf,
     target_edge_length: float | Literal["auto"] = "auto",
 ) -> tuple[Float[Tensor, "n 3"], Int[Tensor, "f 3"]]:
-    """A mesh (vertices, faces) of the minimal surface over points; its vertices are differentiable in the points.
+    """A mesh (vertices, faces) of the minimal surface over points. Its vertices are differentiable in the points.
 
-    The mesh is that of `mesh_patch`, but the points are the only vertices of its rims; they come first, in the given
+    The mesh is that of `mesh_patch`, but the points are the only vertices of its rims. They come first, in the given
     order and direction. When the points move, an inner vertex moves along the normal, and stays on the minimal surface
     to first order. The displacement solves Jacobi's equation, and `backward` solves its adjoint once. Second
     derivatives and `torch.func.vmap` are not available.
@@ -172,7 +172,7 @@ def minimal_surface(
         NotDifferentiableError: by `backward`, if the surface is unstable or nearly so; see `require_isolated`.
 
     Warns:
-        UncertainGradientWarning: as `minimal_area`; by `backward`, if the stability is undecided.
+        UncertainGradientWarning: as `minimal_area`, by `backward`, if the stability is undecided.
 
     Source: Barbosa & do Carmo, Amer. J. Math. 98 (1976), for the second variation and its operator.
     """
@@ -255,7 +255,7 @@ def require_isolated(solution: PlateauSolution) -> None:
 
 
 class _Positions(torch.autograd.Function):
-    """Positions at points z inside Ω; if `positions` begins with the points of the rims, these come first."""
+    """Positions at points z inside Ω. If `positions` begins with the points of the rims, these come first."""
 
     @staticmethod
     def forward(

@@ -50,9 +50,9 @@ class SlideAdjoint:
         by_values = self._by_values(by_u[:, None] * np.asarray(surface.normal(self.z)))
         along, by_moduli = newton.solved(by_values)
         change = newton.form(newton.unit * along[..., None]) + np.tensordot(by_moduli, newton.changes, axes=1)
-        # E′ depends on Γ′ too; the term with δΓ′ is integrated by parts
+        # E′ depends on Γ′ too. The term with δΓ′ is integrated by parts
         turned = newton.by_normal * (along / norm(derivative(newton.points)))[..., None]
-        # the result is band-limited; it is resampled at the nodes by Fourier series
+        # the result is band-limited. It is resampled at the nodes by Fourier series
         spectra = np.fft.rfft(by_values - change + derivative(turned), axis=1)
         return [np.fft.irfft(own, n=len(nodes.z), axis=0) for own, nodes in zip(spectra, self.rims, strict=True)]
 

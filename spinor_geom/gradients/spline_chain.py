@@ -24,7 +24,7 @@ _BINOMIALS = comb(np.arange(max(DEGREES) + 1), np.arange(max(DEGREES) + 1)[:, No
 
 
 class _Jumps(NamedTuple):
-    """Equations: the derivatives of order r agree at the end of piece i; `row` is the number of the equation."""
+    """Equations: the derivatives of order r agree at the end of piece i. `row` is the number of the equation."""
 
     piece: Int[np.ndarray, " k"]
     order: Int[np.ndarray, " k"]
@@ -76,7 +76,7 @@ class SplineSystem:
         return np.roll(by_steps, 1, axis=0) - by_steps, by_piece - np.roll(by_piece, 1)
 
     def _adjoint(self, by_powers: Float[np.ndarray, "d m 3"]) -> Float[np.ndarray, "md 3"]:
-        """The solution of the transposed equations, a multiplier for each row of K; a LinAlgError if K is singular."""
+        """The solution of the transposed equations, a multiplier for each row of K. A singular K is a LinAlgError."""
         d, m, _ = by_powers.shape
         jumps, (row, column, value), near = self._equations
         after, ratio = self._after

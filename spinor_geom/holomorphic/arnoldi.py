@@ -11,7 +11,7 @@ from jaxtyping import Complex, Float
 
 from spinor_geom.arrays import Array, add_to_diagonal, namespace, place_of, to_numpy
 
-# Share of a vector's length that a pass of orthogonalisation must leave, for orthogonality to round-off; with 0.3 the
+# Share of a vector's length that a pass of orthogonalisation must leave, for orthogonality to round-off. With 0.3 the
 # polynomials are orthogonal to 1e-14 or not at all.
 _KEPT = 0.5
 _MOST_CANDIDATES = 600  # points from which Leja points are chosen

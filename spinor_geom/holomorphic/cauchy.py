@@ -104,7 +104,7 @@ class CauchyNetwork(ArrayModel):
     ) -> CauchyNetwork:
         """A network whose features are the polynomials of a recurrence, then the units, without mixing.
 
-        The points z are on all of ∂Ω; `branches` has a point in each hole around which p and q change their sign.
+        The points z are on all of ∂Ω. `branches` has a point in each hole around which p and q change their sign.
         """
         mixing, layer = place_of(z).put(np.eye(len(readout), dtype=np.complex128)), _polynomials(z, hessenberg)
         branches = poles[:0] if branches is None else branches

@@ -12,7 +12,7 @@ from scipy.special import comb
 from spinor_geom.arrays import TINY, Array, complex_of, is_numpy
 from spinor_geom.domain.delaunay import plane_coordinates
 
-# Two clusters are far apart if the sum of their radii is at most _APART times their distance; then _TERMS terms
+# Two clusters are far apart if the sum of their radii is at most _APART times their distance. Then _TERMS terms
 # of a series are accurate to 1e-12.
 _APART, _TERMS = 0.4, 32
 _SOURCES_PER_LEAF = 8
@@ -33,7 +33,7 @@ def cauchy_sums(
 ) -> Complex[np.ndarray, "m c"]:
     """Σ_j g_j/(ζ_j − z) at targets z, to 1e-12 of the sum of the absolute values; infinite or NaN at a source.
 
-    The sources ζ_j are in order along a curve; the strengths g_j, real or complex, have one column for each sum.
+    The sources ζ_j are in order along a curve. The strengths g_j, real or complex, have one column for each sum.
     """
     if len(sources) > _FEW_SOURCES and len(sources) * len(targets) > _FEW_PAIRS:
         return fast_sums(sources, strengths, targets)
@@ -43,12 +43,12 @@ def cauchy_sums(
 def direct_sums(
     sources: Complex[Array, " n"], strengths: Inexact[Array, "n c"], targets: Complex[Array, " m"]
 ) -> Complex[Array, "m c"]:
-    """`cauchy_sums` to rounding, of arrays or tensors; the sources need no order."""
+    """`cauchy_sums` to rounding, of arrays or tensors. The sources need no order."""
     if not is_numpy(targets):
         return (1 / (sources - targets[:, None])) @ strengths
     step = max(_FEWEST_AT_ONCE, _AT_ONCE // max(1, len(sources)))
     starts = range(0, max(1, len(targets)), step)
-    # real numbers, since complex division takes twice as long; one row per sum, since BLAS is slow on narrow columns
+    # real numbers, since complex division takes twice as long. One row per sum, since BLAS is slow on narrow columns
     by_x, by_y = (np.concatenate([g.real, g.imag], axis=1).T.copy() for g in (strengths, -1j * strengths))
     real, imag = sources.real[:, None], sources.imag[:, None]
     totals = []

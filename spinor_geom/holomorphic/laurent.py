@@ -149,7 +149,7 @@ class LaurentSeries(ArrayModel):
 
     @property
     def own(self) -> Complex[Array, "2 m k"]:
-        """Coefficients of the powers k ≥ 0 of each circle's coordinate; those of k = 0 are 0 for holes."""
+        """Coefficients of the powers k ≥ 0 of each circle's coordinate. Those of k = 0 are 0 for holes."""
         xp = namespace(self.outward)
         outward, inward = self.outward.mT[:, None], xp.moveaxis(self.inward, -1, 0)
         count = max(outward.shape[-1], inward.shape[-1] + 1)

@@ -66,7 +66,7 @@ class ComplexMLP(torch.nn.Module):
     ) -> None:
         """A network with random parameters, complex128 on the CPU.
 
-        The disk of the given centre and radius contains Ω. The gain is M; the default 1 + 5/depth suits second-order
+        The disk of the given centre and radius contains Ω. The gain is M. The default 1 + 5/depth suits second-order
         methods, about 0.5 first-order ones.
 
         Raises:

@@ -79,7 +79,7 @@ def polygon_poles(vertices: Complex[np.ndarray, " n"]) -> Poles:
     """Poles outside a simple polygon with Ω on its left: for each edge, and each vertex that turns by more than 45°.
 
     A pole is on the outward normal of the edge's middle, or the bisector of the vertex, at the first of the offsets
-    where every edge is at least 0.35 of its length away; notches that are too narrow have none. The scale is the
+    where every edge is at least 0.35 of its length away. Notches that are too narrow have none. The scale is the
     distance from the polygon.
     """
     step = shifted(vertices, -1) - vertices
@@ -135,7 +135,7 @@ def refining_poles(domain: PlaneDomain, panels: Float[np.ndarray, "k 2"]) -> Pol
 
 
 def _cleared(domain: PlaneDomain, foot: Places, direction: Places, distance: Lengths) -> Poles:
-    """Poles at most `distance` from their feet on ∂Ω and clear of the rest of it; those without room are dropped."""
+    """Poles at most `distance` from their feet on ∂Ω and clear of the rest of it. Those without room are dropped."""
     distance = distance.copy()
     good = np.zeros(len(foot), dtype=bool)
     for _ in range(_HALVINGS + 1):

@@ -1,6 +1,6 @@
 """Zeros of a holomorphic function inside a plane domain, by the argument principle and Newton's method.
 
-The change of arg f along ∂Ω is the number of zeros inside. Newton's method finds approximations; the moments
+The change of arg f along ∂Ω is the number of zeros inside. Newton's method finds approximations. The moments
 (1/2πi)∮ zᵏ f′/f dz on a circle around each then give its order, and its position to round-off.
 
 Source: Delves & Lyness, "A numerical method for locating the zeros of an analytic function", Math. Comp. 21 (1967);

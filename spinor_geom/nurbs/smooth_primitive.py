@@ -26,7 +26,7 @@ class SmoothPrimitive:
     z: Complex[np.ndarray, " n"]  # the nodes on ∂Ω
     dz: Complex[np.ndarray, " n"]  # dz/dt there
     values: Complex[np.ndarray, "n 3"]  # ∫ φ dz from the first node
-    # bound of the coefficients of the upper quarter of the frequencies, relative to the largest one; the relative error
+    # bound of the coefficients of the upper quarter of the frequencies, relative to the largest one. The relative error
     # is about as large
     accuracy: float
 

@@ -34,7 +34,7 @@ class Camera:
         *,
         aspect: float = 1,
     ) -> Camera:
-        """The closest camera in a direction that shows all points; `aspect` is the picture's width per height."""
+        """The closest camera in a direction that shows all points. `aspect` is the picture's width per height."""
         frame = _frame(direction, up)
         seen = points @ frame.T
         low, high = seen.min(axis=0), seen.max(axis=0)
@@ -50,7 +50,7 @@ class Camera:
         *,
         aspect: float = 1,
     ) -> Camera:
-        """As `around`, against a unit normal; `up` is the axis that is upwards."""
+        """As `around`, against a unit normal. `up` is the axis that is upwards."""
         place = "xyz".index(up)
         axis = np.eye(3)[place]
         if abs(normal[place]) > _ALONG:

@@ -133,7 +133,7 @@ def patch_faces(patch: Patch, fields: Mapping[str, Float[np.ndarray, " n"]], loo
 
 
 def mean_curvature_field(patch: Patch) -> Float[np.ndarray, " n"]:
-    """|H| at the vertices of a patch; boundary vertices have the value of the nearest inner vertex in Ω, or NaN."""
+    """|H| at the vertices of a patch. Boundary vertices have the value of the nearest inner vertex in Ω, or NaN."""
     curvature, points = discrete_mean_curvature(patch.vertices, patch.faces), plane_coordinates(patch.points)
     known = np.isfinite(curvature.values)
     if not known.any():
@@ -164,7 +164,7 @@ def loop_views(outcome: LoopOutcome) -> LoopViews:
     except SpinorGeomError as error:
         figures["discrete minimal surface"] = {"none": str(error)}
     normals = np.asarray(surface.normal(patch.points))
-    # the patch may be oriented against Ω; the normals shown are on the side of the patch's faces
+    # the patch may be oriented against Ω. The normals shown are on the side of the patch's faces
     side = np.nansum(vertex_normals(patch.vertices, patch.faces) * normals)
     gauss = np.asarray(surface.gauss_curvature(patch.points))
     return LoopViews(

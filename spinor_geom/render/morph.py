@@ -27,7 +27,7 @@ def morph(surface: ArraySurface, path: str | os.PathLike[str], *, frames: int = 
     """Shows the associate family r_θ = Re ∫ e^{iθ}φ dz of a surface.
 
     Its members are isometric and have the same normals at the same points; θ = 90° is the conjugate surface, θ = 180°
-    the surface reflected in a point. An animation runs through all θ and repeats; a page has a slider for θ.
+    the surface reflected in a point. An animation runs through all θ and repeats. A page has a slider for θ.
 
     Args:
         surface: over a domain around which ∮ φ dz = 0.

@@ -34,7 +34,7 @@ def programs() -> list[str]:
 
 
 def document(title: str, body: Sequence[str], *, style: str = "") -> str:
-    """A whole page from pieces of HTML; `style` is CSS added to page.css."""
+    """A whole page from pieces of HTML. `style` is CSS added to page.css."""
     return "\n".join(
         [
             "<!doctype html>",
@@ -57,7 +57,7 @@ def require_html(path: str | os.PathLike[str]) -> None:
 def table(
     columns: Sequence[str], rows: Sequence[Sequence[str]], *, marked: Container[int] = (), by_loop: bool = False
 ) -> str:
-    """An HTML table of plain text; the marked rows are highlighted.
+    """An HTML table of plain text. The marked rows are highlighted.
 
     With `by_loop` the first cells are numbers of loops: a row and the layers of its loop in the views are linked.
     """
@@ -74,7 +74,7 @@ def table(
 
 @dataclass(frozen=True, kw_only=True)
 class Table:
-    """A table of text; cells may be bold, with Markdown's `**` around them."""
+    """A table of text. Cells may be bold, with Markdown's `**` around them."""
 
     title: str = ""  # The heading, none if empty
     columns: Sequence[str]  # The column names

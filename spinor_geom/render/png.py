@@ -34,7 +34,7 @@ _WITHOUT_WINDOW = ("vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow")
 
 
 def write_png(scenes: Sequence[Scene], path: str | os.PathLike[str], *, size: tuple[int, int] = SIZE) -> None:
-    """Draws scenes side by side; the file is replaced as a whole.
+    """Draws scenes side by side. The file is replaced as a whole.
 
     Raises a RenderError if the suffix is not .png or the drawing failed, and a MissingPackageError without pyvista.
     """
@@ -51,7 +51,7 @@ def require_png(path: str | os.PathLike[str]) -> None:
 
 @contextmanager
 def drawn(scenes: Sequence[Scene], *, size: tuple[int, int], angles: Sequence[float] = (0.0,)) -> Iterator[list[Path]]:
-    """Draws scenes side by side, one PNG for each angle of the associate family; the files are temporary."""
+    """Draws scenes side by side, one PNG for each angle of the associate family. The files are temporary."""
     require("pyvista", extra="render")
     with tempfile.TemporaryDirectory() as folder:
         draw_apart(scenes, size, angles, folder, time_limit=TIME_LIMIT + TIME_OF_FRAME * len(angles))
@@ -68,7 +68,7 @@ def draw_apart(*job: Any, time_limit: float, module: str | None = None, on_event
 
 
 class Painter:
-    """A process that draws, as VTK terminates its process if there is no OpenGL library; it starts on first use."""
+    """A process that draws, as VTK terminates its process if there is no OpenGL library. It starts on first use."""
 
     def __init__(self, module: str = DRAWING) -> None:
         """The module that `run` passes its arguments to."""
@@ -113,7 +113,7 @@ def _explanation(fault: FaultError) -> str:
 
 
 def draw(scenes: Sequence[Scene], size: tuple[int, int], angles: Sequence[float], folder: str | None) -> None:
-    """Draws scenes side by side; without a folder, opens a window and waits until it is closed.
+    """Draws scenes side by side. Without a folder, opens a window and waits until it is closed.
 
     The pictures are 0000.png, 0001.png, …, one for each angle of the associate family, in radians.
     """

@@ -26,7 +26,7 @@ SIZE = (900, 720)
 GAUSS = "Gauss curvature"
 VERTICES = 4000
 GRID_LINES = 16  # across the longer side of Ω
-_LARGEST_PERIOD = 1e-6  # relative to the primitives along ∂Ω; quadrature errors are smaller
+_LARGEST_PERIOD = 1e-6  # relative to the primitives along ∂Ω. Quadrature errors are smaller
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -79,7 +79,7 @@ class Portrait:
 
         Args:
             path: the file, replaced as a whole.
-            eye: direction from the surface to the eye; the third axis is upwards.
+            eye: direction from the surface to the eye. The third axis is upwards.
             size: width and height in pixels.
 
         Raises:

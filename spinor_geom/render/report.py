@@ -77,7 +77,7 @@ def report(
     Args:
         result: from `fill_hole(..., return_report=True)`.
         path: file to write, besides returning the page.
-        comparisons: comparisons with discrete minimal surfaces, by loop index; the page shows their tables.
+        comparisons: comparisons with discrete minimal surfaces, by loop index. The page shows their tables.
 
     Returns:
         The page.
@@ -112,7 +112,7 @@ def report(
 
 
 def small_report(result: FillResult, *, name: str, up: Literal["y", "z"], program: str) -> str:
-    """The report without the mathematics, of at most `FEWER_FACES` triangles; `program` is the address of its program.
+    """The report without the mathematics, of at most `FEWER_FACES` triangles. `program` is the address of its program.
 
     `name` is that of the mesh, and `up` its axis that is upwards.
     """
@@ -360,7 +360,7 @@ def _flat(figures: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]
 
 
 def _png(values: Complex[np.ndarray, "h w"], middle: float) -> bytes:
-    """A PNG of a function on a raster, first row at the bottom; `middle` is the modulus of middle lightness."""
+    """A PNG of a function on a raster, first row at the bottom. `middle` is the modulus of middle lightness."""
     from matplotlib.image import imsave
 
     infinite = np.isinf(np.abs(values))

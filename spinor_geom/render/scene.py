@@ -65,7 +65,7 @@ class Faces(Layer):
     edges: bool | str = False  # whether edges are drawn, or the check box of the page's panel that shows them
 
     def __post_init__(self) -> None:
-        """Vertices that are NaN are in no face; without them the scene has a size."""
+        """Vertices that are NaN are in no face. Without them the scene has a size."""
         self.__dict__.update(vertices=with_finite_rows(self.vertices, self.faces))
 
 
@@ -87,7 +87,7 @@ class Dots(Layer):
 
 @dataclass(frozen=True, kw_only=True)
 class Scale:
-    """Values at the two ends of the colour scale; where it is cut, smaller and larger values have the ends' colours."""
+    """Values at the two ends of the colour scale. Where it is cut, smaller and larger values have the ends' colours."""
 
     low: float
     high: float
@@ -119,7 +119,7 @@ class Scene:
     title: str = ""
     camera: Camera | None = None  # None: see `overview`
     labels: Sequence[Label] = ()
-    scales: Mapping[str, Scale] = field(default_factory=dict)  # by field; the default is `Scale.of` the values
+    scales: Mapping[str, Scale] = field(default_factory=dict)  # by field. The default is `Scale.of` the values
     loop_cameras: Mapping[str, Camera] = field(default_factory=dict)  # by the loop selected in the page's panel
     panel: bool = False  # whether the view follows the page's panel, else it shows the first field
     unit: str | None = None  # unit of lengths for a ruler; None: no ruler
@@ -139,7 +139,7 @@ class Scene:
 
 
 def overview(layers: Sequence[Layer], *, eye: Sequence[float] = EYE, aspect: float = 1.0) -> Camera:
-    """A camera that shows all layers and members of their families; `aspect` is the picture's width per height.
+    """A camera that shows all layers and members of their families. `aspect` is the picture's width per height.
 
     The third axis is upwards, or the second one if the direction to the eye is along the third.
     """

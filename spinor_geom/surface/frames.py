@@ -34,7 +34,7 @@ def phi_from_frames(
 ) -> Complex[Array, "*batch n 3"]:
     """φ = λ (T − iν) τ̄ with ν = N × T at the samples of a curve; φ·φ = 0 and |φ|² = 2λ².
 
-    The tangent and τ may have any length, and the normal any component along the tangent; none may be 0. The scale is
+    The tangent and τ may have any length, and the normal any component along the tangent. None may be 0. The scale is
     λ, length in space per length in Ω.
     """
     require_complex(direction_in_omega=direction_in_omega)

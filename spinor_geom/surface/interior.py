@@ -35,7 +35,7 @@ class RimPrimitive:
     panels: Panels  # on the boundary
     velocity: Complex[np.ndarray, "n 3"]  # φ dz/dt at the nodes of the panels
     primitive: Complex[np.ndarray, "n 3"]  # ∫ φ dz from the start of the boundary to the nodes
-    at_breaks: Complex[np.ndarray, "b 3"]  # the same to the ends of the panels; the last is ∮ φ dz
+    at_breaks: Complex[np.ndarray, "b 3"]  # the same to the ends of the panels. The last is ∮ φ dz
 
     @classmethod
     def along(cls, boundary: Boundary, phi: NullCurve, order: int, breaks: Breaks | None = None) -> RimPrimitive:

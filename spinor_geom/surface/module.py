@@ -31,7 +31,7 @@ class ModelModule(torch.nn.Module):
 
     @property
     def tracked(self) -> ArrayModel:
-        """The model with the parameters and buffers as its arrays; its results are differentiable in them."""
+        """The model with the parameters and buffers as its arrays. Its results are differentiable in them."""
         return self._untracked.with_arrays({**self._parameters, **self._buffers})
 
     @property
@@ -50,5 +50,5 @@ class ModelModule(torch.nn.Module):
 
 
 def as_module(model: HolomorphicModel | torch.nn.Module) -> torch.nn.Module:
-    """A model as a module with a copy of its arrays; modules are returned as they are."""
+    """A model as a module with a copy of its arrays. Modules are returned as they are."""
     return ModelModule(model) if isinstance(model, ArrayModel) else cast(torch.nn.Module, model)

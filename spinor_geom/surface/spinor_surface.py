@@ -29,7 +29,7 @@ class SpinorSurface(ArraySurface, torch.nn.Module):
 
     @classmethod
     def of(cls, surface: ArraySurface) -> SpinorSurface:
-        """A surface as a module, with a copy of its arrays; a module is returned as it is."""
+        """A surface as a module, with a copy of its arrays. A module is returned as it is."""
         if isinstance(surface, cls):
             return surface
         return cls(surface.model, surface.domain, surface.constant, spinor_map=surface.spinor_map, **surface._rule)

@@ -56,7 +56,7 @@ class WeierstrassSurface(torch.nn.Module):
         return np.asarray(r.cpu().numpy())
 
     def branch_points(self) -> tuple[BranchPoint, ...]:
-        """Zeros of f in Ω; those of odd order are not removable."""
+        """Zeros of f in Ω. Those of odd order are not removable."""
         zeros = find_zeros(lambda z: self._at(z)[:, 0], self.domain)
         return with_invariants(zeros, lambda z: weierstrass_phi(*self._at(z).T), self.domain)
 

@@ -27,7 +27,7 @@ _POINTS = 1024  # samples of a curve for its bounding box
 
 
 def as_boundary_curve(curve: BoundaryCurve | ClosedCurve) -> BoundaryCurve:
-    """A curve as piecewise polynomials; formulas are approximated to rounding."""
+    """A curve as piecewise polynomials. Formulas are approximated to rounding."""
     return curve if isinstance(curve, BoundaryCurve) else BoundaryCurve.from_formula(curve)
 
 
@@ -43,7 +43,7 @@ class BoundaryNodes:
     t: Float[Tensor, " n"]
     z: Complex[Tensor, " n"]
     dz: Complex[Tensor, " n"]  # dz/dt
-    weights: Float[Tensor, " n"]  # of the mean over t; their sum is 1
+    weights: Float[Tensor, " n"]  # of the mean over t. Their sum is 1
     integral: Float[Tensor, "n n"]  # from values f at the nodes to ∫ f dt there, up to a constant
 
     @classmethod
@@ -74,7 +74,7 @@ class BoundaryNodes:
     ) -> MatchedBoundary:
         """The boundary of the surface with spinors p and q, translated to Γ.
 
-        The search for nearest points of Γ starts at the parameters `slide`; with `held` these parameters are kept.
+        The search for nearest points of Γ starts at the parameters `slide`. With `held` these parameters are kept.
         """
         position = self.positions(spinors)
         position = position - self.weights @ (position - curve.point_and_derivative(slide)[0])
@@ -129,7 +129,7 @@ class RayBoundary(torch.nn.Module):
     def differentiable_point_and_velocity(
         self, s: Float[Tensor, " n"]
     ) -> tuple[Float[Tensor, "n 3"], Float[Tensor, "n 3"]]:
-        """Positions r and dr/ds, differentiable with respect to s; the gradient of r is the exact dr/ds."""
+        """Positions r and dr/ds, differentiable with respect to s. The gradient of r is the exact dr/ds."""
         with torch.no_grad():
             position, velocity = self.point_and_velocity(s)
         z = _circle(s)

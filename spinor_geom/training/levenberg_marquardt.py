@@ -38,7 +38,7 @@ from spinor_geom.training.trained import Trained, TrainingStep
 _NEAR, _FAR, _LEAST_DAMPING = 1e-6, 1e-1, 1e-16
 _LESS, _MORE = 0.2, 4.0  # factors of the damping after a good and a bad step
 _PATIENCE, _GAIN = 12, 0.1  # the distance stagnates if this number of steps reduces it by less than this share
-# points per node at which the distance is measured; their number is doubled if the largest distance is more than this
+# points per node at which the distance is measured. Their number is doubled if the largest distance is more than this
 # multiple of the largest one at the nodes
 _POINTS_PER_NODE, _MOST_BETWEEN_NODES = 4, 3.0
 _MOST_NODES = 512
@@ -272,7 +272,7 @@ class Polish:
     """The least-squares problem of the distance between a surface's boundary and Γ.
 
     The residual of a node is its distance from the nearest point of Γ, in the two directions normal to Γ. With `held`,
-    it is the distance from the point of Γ at the parameter in `slide`, in all three directions; surfaces with random
+    it is the distance from the point of Γ at the parameter in `slide`, in all three directions. Surfaces with random
     parameters, which are far from Γ, start in this way. The dual system is real.
     """
 

@@ -31,25 +31,25 @@ from spinor_geom.training.trained import Status, Trained, TrainingStep
 
 _GROWTH = 1e3  # training has diverged if the loss exceeds that of the first epoch by this factor
 _BOUNDARY_POINTS, _CURVE_POINTS = 512, 8192  # points of ∂Ω for the boundary error, and of Γ for its centre
-_DIAGONAL = 2 * math.sqrt(2)  # of the unit circle; the solver's curves are scaled to it to suit the learning rate
+_DIAGONAL = 2 * math.sqrt(2)  # of the unit circle. The solver's curves are scaled to it to suit the learning rate
 PointsAndVelocities: TypeAlias = tuple[Float[Tensor, "n 3"], Float[Tensor, "n 3"]]  # of a closed curve
 _SIZES, _PIECES = (1, 64, 64, 32, 1), 512  # layers of ρ; pieces of [0, 1] on which it is interpolated linearly
 
 
 @dataclass(frozen=True, kw_only=True)
 class RMSprop:
-    """Options of the paper's Algorithm 1; the defaults are its settings.
+    """Options of the paper's Algorithm 1. The defaults are its settings.
 
     Attributes:
         representation: "spinor" for p and q; "weierstrass-enneper" for f and g, the paper's baseline.
         depth: hidden layers of each of the two networks.
         width: units in each layer.
         activation: an entire function.
-        gain: of the initial networks, see `ComplexMLP`; the paper does not give its initialisation.
+        gain: of the initial networks, see `ComplexMLP`. The paper does not give its initialisation.
         learning_rate: of RMSprop.
         batch: samples of [0, 1] in each update.
         points: samples in each epoch, for the surface and for the homeomorphism.
-        epochs: number of epochs; the paper takes 800, and 2,000 or 4,000 for prescribed surfaces.
+        epochs: number of epochs. The paper takes 800, and 2,000 or 4,000 for prescribed surfaces.
         tangent_weight: λ of the loss, see `boundary_loss`.
         quadrature: rule on the ray from 0 to a point.
         order: number of its intervals ("trapezoid", "simpson") or nodes ("gauss").
@@ -167,7 +167,7 @@ class _Training:
         return self._result("finished", "all epochs were done", seconds)
 
     def _epoch(self) -> float:
-        """Trains with new samples; returns the mean loss of the surface."""
+        """Trains with new samples. Returns the mean loss of the surface."""
         options = self.options
         # different samples for the two updates
         drawn = torch.rand(2, options.points, dtype=torch.float64, generator=self.random).to(self.device)

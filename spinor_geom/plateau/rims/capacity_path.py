@@ -25,7 +25,7 @@ from spinor_geom.plateau.newton import MOST_STEPS, SMALL
 from spinor_geom.plateau.rims.energy import HarmonicSurface, Moduli, RimsProblem
 
 _NODES = 64  # of each circle, for `mean_modulus`
-_STEP = 0.5  # largest step of log M; with half or twice of it the same surfaces are found
+_STEP = 0.5  # largest step of log M. With half or twice of it the same surfaces are found
 
 
 def mean_modulus(domain: CircularDomain) -> float:

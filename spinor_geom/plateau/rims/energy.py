@@ -169,7 +169,7 @@ class HarmonicSurface:
     def direction(
         self, damping: Float[Array, "1"] | None, forcing: Float[Array, "1"]
     ) -> tuple[Float[Array, "1 k"], Bool[Array, "1"]]:
-        """Newton's step; for few nodes by a Cholesky factor, damped until the matrix is definite."""
+        """Newton's step. For few nodes by a Cholesky factor, damped until the matrix is definite."""
         if damping is None:
             step = namespace(self.slides).linalg.solve(self.matrix(), -self.gradient.mT)
             return step.mT, self.energy != self.energy
@@ -261,7 +261,7 @@ class HarmonicSurface:
         return xp.concat([turned, _without_first_centre(centres)]) / norm(turned)
 
     def stepped(self, direction: Float[Array, "1 k"], length: float = 1.0) -> HarmonicSurface:
-        """The surface after a step; this surface with infinite energy if circles would meet."""
+        """The surface after a step, or this surface with infinite energy if circles would meet."""
         count = self.count
         slides, along = direction[0, :count].reshape(self.slides.shape) / self.speed, direction[0, count:]
         length = min(length, _LARGEST_STEP / max(float(abs(along).max()), 1e-300))

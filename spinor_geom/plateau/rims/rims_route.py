@@ -35,7 +35,7 @@ from spinor_geom.plateau.steps import SPENT
 from spinor_geom.plateau.vertices.vertex_route import surface_through
 
 _MOST_NODES = 1 << 13  # largest number of nodes on each rim
-_PER_EDGE = 6  # first number of nodes for each edge of rough rims; with 3 solves take 7 % more steps
+_PER_EDGE = 6  # first number of nodes for each edge of rough rims. With 3 solves take 7 % more steps
 # Over rough rims powers below this on other circles are omitted. With `ROUND_OFF` Λ takes four times as long.
 _NEGLIGIBLE_POWER = 1e-8
 # Share of the allowed distance to reach while matrices are factored. With 0.1 surfaces between smooth rims keep 1e-6 of

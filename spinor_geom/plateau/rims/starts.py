@@ -1,7 +1,7 @@
 """Starts of Douglas's problem for several rims: the circles of Ω, the directions of the rims, and their slides.
 
 For two rims the energy of all shifts of one against the other is evaluated for many moduli at once. Three rims and more
-are projected as circles onto spheres around several view points; the projections of least energy are used.
+are projected as circles onto spheres around several view points. The projections of least energy are used.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from spinor_geom.plateau.curve_tensors import CurveTensors
 from spinor_geom.plateau.harmonic.dirichlet import multipliers
 from spinor_geom.plateau.rims.energy import MOST_MODULUS, HarmonicSurface
 
-_KEPT = 2  # number of starts returned; one is not enough for noisy rims on the sides of a cube
+_KEPT = 2  # number of starts returned. One is not enough for noisy rims on the sides of a cube
 # Distances of view points from the centre, over the largest distance of the rims from it. With the first alone there is
 # no start between a rim and five islands, with the second alone rims around a centre take three times as long.
 _VIEW_DISTANCES = (0.5, 2.0)
@@ -115,7 +115,7 @@ def start_between(first: Rim, second: Rim, n: int, *, backward: bool) -> Oriente
 def projected_starts(rims: Sequence[Rim], n: int) -> list[OrientedSurface]:
     """Starts of three rims or more, projected onto spheres around view points; n is even.
 
-    Rims of a junction do not overlap in the projection from their centre; those of a hole with islands do not in one
+    Rims of a junction do not overlap in the projection from their centre. Those of a hole with islands do not in one
     from above. Circles that cross in all projections are made smaller.
     """
     samples = np.stack([rim.samples(n) for rim in rims])
