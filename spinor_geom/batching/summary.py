@@ -21,7 +21,7 @@ from spinor_geom.batching.settings import BatchOptions
 from spinor_geom.batching.store import RESULTS, Store, explanation, failure, log_line, summary
 from spinor_geom.files import atomic_path, together, write_text
 from spinor_geom.render.camera import Camera, upright
-from spinor_geom.render.page import document, folded, programs, table
+from spinor_geom.render.page import document, folded, table, viewer_program
 from spinor_geom.render.scene import RIM_COLOUR
 from spinor_geom.version import program_version
 
@@ -65,7 +65,7 @@ def write_summary(store: Store, sources: Iterable[Source], options: BatchOptions
                 rows.writerows({key: _no_formula(value) for key, value in row.items()} for row in _rows(record))
         settings = {**asdict(options), "seconds": f"{seconds:.1f}", "version": program_version()}
         if options.pictures:
-            write_text(Path(store.output, PROGRAM), "\n".join(programs()))
+            write_text(Path(store.output, PROGRAM), viewer_program())
         write_text(page, _page(content, settings))
     return path, page
 

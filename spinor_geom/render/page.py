@@ -8,8 +8,10 @@ import io
 import json
 import math
 import os
+import zlib
 from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -21,16 +23,39 @@ from spinor_geom.errors import OptionError
 from spinor_geom.render.scene import UNKNOWN_COLOUR, VIRIDIS, Faces, Layer, Lines, Scene, overview
 
 _LONG = 60  # cells with more characters wrap
-_LESS = "\\u003c"  # "<" in JSON: "</script" or "<!--" in a text would end or hide the element
+# unpacks the data and the program of a page, and starts the program; a module runs when the whole page has been read
+_START = """<script type="module">
+  const program = document.createElement("script"), packed = document.getElementById("program");
+  async function unpacked(element) {
+    const bytes = Uint8Array.from(atob(element.textContent), (letter) => letter.charCodeAt(0));
+    return new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"))).text();
+  }
+  const data = document.getElementById("data");
+  data.textContent = await unpacked(data);
+  if (packed.dataset.address) program.src = packed.dataset.address;
+  else program.textContent = await unpacked(packed);
+  document.body.append(program);
+</script>"""
 
 
 def _file(name: str) -> str:
     return files("spinor_geom.render").joinpath(name).read_text(encoding="utf-8")
 
 
-def programs() -> list[str]:
+@cache
+def viewer_program() -> str:
     """three.js and the viewer, the program of pages with scenes."""
-    return [_file("three.min.js"), _file("viewer.js")]
+    return f"{_file('three.min.js')}\n{_file('viewer.js')}"
+
+
+@cache
+def _packed_program() -> str:
+    return _packed(viewer_program())
+
+
+def _packed(text: str) -> str:
+    """A text compressed (deflate), in base 64."""
+    return base64.b64encode(zlib.compress(text.encode(), 9)).decode()
 
 
 def document(title: str, body: Sequence[str], *, style: str = "") -> str:
@@ -188,15 +213,10 @@ class Views:
             "arrays": list(self._arrays),
             "views": self._views,
         }
-        return "\n".join(
-            [
-                *(
-                    f'<script type="application/json" id="{name}">{json.dumps(value).replace("<", _LESS)}</script>'
-                    for name, value in data.items()
-                ),
-                *([f"<script>{text}</script>" for text in programs()] if program is None else []),
-                *([] if program is None else [f'<script src="{html.escape(program)}"></script>']),
-            ]
+        address = "" if program is None else f' data-address="{html.escape(program)}"'
+        return (
+            f'<script type="application/json" id="data">{_packed(json.dumps(data))}</script>\n'
+            f'<script type="text/plain" id="program"{address}>{"" if address else _packed_program()}</script>\n{_START}'
         )
 
     def _layer(self, layer: Layer, scaled: Callable[[np.ndarray], np.ndarray]) -> dict[str, object]:

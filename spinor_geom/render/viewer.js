@@ -1,14 +1,14 @@
-// Draws the scenes of a page with three.js. The data are in the page as JSON, see Views in page.py.
+// Draws the scenes of a page with three.js. The page's element "data" has them as JSON, see Views in page.py.
 (function () {
   "use strict";
-  const read = (id) => JSON.parse(document.getElementById(id).textContent);
   function make(kind, parent, attributes = {}, text = "") {
     const made = parent.appendChild(document.createElement(kind));
     for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
     made.textContent = text;
     return made;
   }
-  const colours = read("colours"), texts = read("arrays"), arrays = {}, loading = [];
+  const { colours, arrays: texts, views: scenes } = JSON.parse(document.getElementById("data").textContent);
+  const arrays = {}, loading = [];
   const STOPS = colours.stops.map((stop) => new THREE.Color(stop)), UNKNOWN = new THREE.Color(colours.unknown);
 
   function array(index, Type) {
@@ -441,18 +441,15 @@
     update();
   }
 
-  document.addEventListener("DOMContentLoaded", () => {
-    const data = read("views");
-    let renderer = null;
-    try {
-      renderer = new THREE.WebGLRenderer({ antialias: true, alpha: true });
-    } catch { /* reported in each view */ }
-    const views = renderer ? data.map((one) => new View(one, renderer)) : [];
-    if (!renderer)
-      for (const { place } of data) document.getElementById(place).textContent = "this browser has no WebGL";
-    for (const view of views) if (!view.panel) view.show(Object.keys(view.scales)[0] || "");
-    for (const form of document.querySelectorAll("form.panel")) follow(form, views.filter((view) => view.panel));
-    link(views);
-    Promise.all(loading).then(() => { document.title = (renderer ? "ready: " : "no WebGL: ") + document.title; });
-  });
+  let renderer = null;
+  try {
+    renderer = new THREE.WebGLRenderer({ antialias: true, alpha: true });
+  } catch { /* reported in each view */ }
+  const views = renderer ? scenes.map((one) => new View(one, renderer)) : [];
+  if (!renderer)
+    for (const { place } of scenes) document.getElementById(place).textContent = "this browser has no WebGL";
+  for (const view of views) if (!view.panel) view.show(Object.keys(view.scales)[0] || "");
+  for (const form of document.querySelectorAll("form.panel")) follow(form, views.filter((view) => view.panel));
+  link(views);
+  Promise.all(loading).then(() => { document.title = (renderer ? "ready: " : "no WebGL: ") + document.title; });
 })();

@@ -23,7 +23,7 @@ from spinor_geom.render.portrait import GAUSS, GRID_LINES, grid_lines, surface_l
 from spinor_geom.render.scene import Faces
 from spinor_geom.surface.array_surface import ArraySurface
 from tests.browser import visit
-from tests.render.test_viewer import array, views_of
+from tests.render.test_viewer import array, data_of
 
 ANGLES = st.floats(-10, 10)
 
@@ -122,7 +122,7 @@ def test_the_page_holds_surface_and_conjugate(tmp_path: Path) -> None:
     path = tmp_path / "enneper.html"
     morph(gallery.enneper(0.8).surface, path)
     text = path.read_text(encoding="utf-8")
-    (view,) = views_of(text)
+    (view,) = data_of(text)["views"]
     surface, grid, rim = view["layers"]
     family, *_ = surface_layers(gallery.enneper(0.8).surface, family=True)
     assert view["layers"][0]["fields"].keys() == {GAUSS}
@@ -170,7 +170,7 @@ def test_the_command_takes_a_name_or_a_saved_surface(tmp_path: Path, capsys: pyt
     gallery.named_surface("enneper").save(saved)
     assert main(["morph", "enneper", "-o", str(first)]) == 0
     assert main(["morph", str(saved), "-o", str(second)]) == 0
-    views = [path.read_text(encoding="utf-8").split('id="arrays"')[1] for path in (first, second)]
+    views = [path.read_text(encoding="utf-8").split('id="data"')[1] for path in (first, second)]
     assert views[0] == views[1]
     assert main(["morph", "ennepers", "-o", str(first)]) == 2
     assert "it has associate, catenoid" in capsys.readouterr().err

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import html
+import json
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +20,7 @@ from spinor_geom.render import shapes
 from spinor_geom.render.scene import VIRIDIS
 from tests.browser import visit
 from tests.fill.shapes import tube
+from tests.render.test_viewer import data_of
 
 
 @pytest.fixture(scope="module")
@@ -115,7 +118,8 @@ def test_what_a_notebook_shows_is_a_page_of_its_own_and_drawn(
 def test_a_fill_is_shown_with_its_patches_and_a_table_of_its_loops() -> None:
     _, report = fill_hole(tube(), return_report=True)
     frame = report._repr_html_()
-    assert "#f28e2b" in frame  # the colour of patches
+    assert '"#f28e2b"' in json.dumps(data_of(html.unescape(frame)))  # the colour of patches
+    assert len(frame) < 300_000  # the program, which is compressed, has 600,000
     shape = shapes.shape_of(report)
     assert np.flatnonzero(shape.is_new)[0] == len(report.original.faces)
     assert [text for _, text in shape.labels] == ["0", "1"]
