@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from math import isfinite
+from numbers import Real
 from typing import TypeAlias
 
 import numpy as np
@@ -13,6 +15,7 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import BSpline, make_interp_spline
 
 from spinor_geom.errors import OptionError, require_positive
+from spinor_geom.mesh.array_checks import freeze_points
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.interpolation import gauss_nodes
 from spinor_geom.mesh.open_curve import OpenCurve
@@ -36,6 +39,7 @@ class Cable:
     Raises:
         OptionError: not exactly one of tension and length is given, it is not positive, both ends are equal, or the
             cable is shorter than the distance of its ends.
+        MeshShapeError, NonFiniteVertexError: the ends are no points in space.
     """
 
     start: ArrayLike
@@ -49,8 +53,7 @@ class Cable:
         for name in ("tension", "length"):
             if getattr(self, name) is not None:
                 require_positive(name, getattr(self, name))
-        if np.shape(self.start) != (3,) or np.shape(self.end) != (3,) or not np.isfinite(self.ends).all():
-            raise OptionError(f"the ends of a cable are two points in space, got {self.start!r} and {self.end!r}")
+        freeze_points([self.start, self.end], name="both ends of a cable")  # type: ignore[arg-type]
         if self.chord == 0:
             raise OptionError(f"both ends of a cable are {self.ends[0].tolist()}; give two points")
         if self.length is not None and self.length <= self.chord and not isinstance(self, Stay):
@@ -96,8 +99,8 @@ class Ring:
 
     def __post_init__(self) -> None:
         BoundaryLoop.from_points(self.points)  # raises the errors
-        if self.force is not None and not np.isfinite(self.force):
-            raise OptionError(f"the force of a ring must be finite, got {self.force}")
+        if self.force is not None and not (isinstance(self.force, Real) and isfinite(self.force)):
+            raise OptionError(f"the force of a ring must be a finite number, got {self.force!r}")
 
     def __repr__(self) -> str:
         return f"Ring({len(np.asarray(self.points))} points, force={self.force})"
@@ -178,7 +181,7 @@ class CableEdge:
         towards = np.stack([(1 - x) * (1 - 2 * x), 4 * x * (1 - x), x * (2 * x - 1)], axis=1) @ across
         towards /= np.maximum(np.linalg.norm(towards, axis=1, keepdims=True), np.finfo(float).tiny)
         angle = half * (2 * x - 1)[:, None]
-        second = -2 * half**2 * chord / np.sin(half) * (np.cos(angle) * towards + np.sin(angle) * along)
+        second = -2 * half * chord / np.sinc(half / np.pi) * (np.cos(angle) * towards + np.sin(angle) * along)
         return np.asarray(legendre.legint(legendre.legfit(2 * x - 1, second, DEGREE - 2), scl=0.5)[1:])
 
     def length_terms(

@@ -7,7 +7,7 @@ of the film that points outwards: the curvature is 1/T, in the tangent plane of 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from time import perf_counter
@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.linalg import cho_factor, cho_solve, eigh
 
-from spinor_geom.errors import LoopError, OutOfTimeError, SurfaceError, require_positive
+from spinor_geom.errors import LoopError, OutOfTimeError, SurfaceError, require_positive, require_type
 from spinor_geom.gradients.area_hessian import boundary_form, rim_terms
 from spinor_geom.gradients.rim_nodes import RimNodes
 from spinor_geom.membrane.cables import Cable, CableEdge, Edge, Stay
@@ -140,6 +140,7 @@ def solve_membrane(
         MeshExtentError: the frame is too large or too small for floating-point numbers.
         SpinorGeomError: the errors of `solve_plateau`.
     """
+    require_type(edges, Iterable, function="solve_membrane", takes="a sequence of edges")
     require_positive("tolerance", tolerance)
     require_positive("time_limit", time_limit, finite=False)
     frame, begin = Frame.of(edges_of_arguments(edges)), perf_counter()

@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import brentq, minimize
 
 from spinor_geom import Cable, Membrane, OpenCurve, Ring, Stay, SymmetryPlane, solve_membrane
-from spinor_geom.errors import LoopError, MeshExtentError, OptionError, SurfaceError
+from spinor_geom.errors import ArgumentTypeError, LoopError, MeshExtentError, MeshShapeError, OptionError, SurfaceError
 from spinor_geom.membrane.frame import with_images
 
 SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype=float)
@@ -57,6 +57,13 @@ def test_four_equal_cables_of_a_square_are_arcs_by_tension_and_by_length_in_any_
             assert cable.length == pytest.approx(2 * half, abs=1e-9)
             np.testing.assert_allclose(np.linalg.norm(cable.curvature(ALONG), axis=1), 1, atol=1e-7)
         assert membrane.film.area == pytest.approx(1 - 4 * (half - np.sin(half) * np.cos(half)), abs=1e-8)
+
+
+def test_cables_around_a_reentrant_corner_are_arcs() -> None:
+    # the middle of its edges lies on the lines of two of them
+    corners = np.array([[0, 0, 0], [2, 0, 0], [2, 1, 0], [1, 1, 0], [1, 2, 0], [0, 2, 0]], dtype=float)
+    for cable in solve_membrane(ring(corners, tension=6.0)).cables:
+        np.testing.assert_allclose(np.linalg.norm(cable.curvature(ALONG), axis=1), 1 / 6, atol=1e-8)
 
 
 def test_a_cable_opposite_a_curved_edge_has_its_length() -> None:
@@ -227,7 +234,8 @@ def test_frames_that_collapse_are_refused() -> None:
         (lambda: [*ring(SQUARE, tension=1.0), Stay(start=SQUARE[0], end=(-1, -1, 0), tension=2.1)], "cannot balance"),
         (lambda: [*ring(SQUARE, tension=1.0), Stay(start=(-2, 0, 0), end=(-1, -1, 0), tension=1)], "three cables"),
         (lambda: [*sides(SQUARE), Stay(start=SQUARE[0], end=(-1, -1, 0), tension=1)], "no fixed edge"),
-        (lambda: [Ring(points=circle(1, 0), force=np.nan)], "must be finite"),
+        (lambda: [Ring(points=circle(1, 0), force=np.nan)], "must be a finite number"),
+        (lambda: [Ring(points=circle(1, 0), force="1")], "must be a finite number"),
         (lambda: [], "two edges or more"),
         (lambda: [Ring(points=circle(1, 0), force=0.0)], "nothing holds the film"),
         (
@@ -241,6 +249,14 @@ def test_frames_that_collapse_are_refused() -> None:
 def test_edges_that_are_no_frame_are_refused(edges: object, message: str) -> None:
     with pytest.raises(OptionError, match=message):
         solve_membrane(edges())  # type: ignore[operator]
+
+
+def test_what_is_no_edge_is_refused_by_its_type() -> None:
+    for start in (("a", 0, 0), ((0, 0), 0, 0), (0, 0), None):
+        with pytest.raises(MeshShapeError, match="both ends of a cable must be real numbers"):
+            Cable(start=start, end=(1, 0, 0), tension=1.0)
+    with pytest.raises(ArgumentTypeError, match="a sequence of edges"):
+        solve_membrane(5)  # type: ignore[arg-type]
 
 
 def test_what_is_wrong_with_fixed_edges_and_sizes_is_said_alone() -> None:
