@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib
+import inspect
 import os
 import re
 import shlex
@@ -189,6 +191,12 @@ def test_commands_and_extras_named_in_the_text_exist(page: Path, capsys: pytest.
             assert re.search(rf"(?<!\S){option}\b", shown), (words, option)
 
 
-def test_the_reference_has_every_public_name() -> None:
-    listed = re.findall(r"^::: \S+\.(\w+)$", (DOCS / "reference.md").read_text(encoding="utf-8"), re.MULTILINE)
-    assert set(spinor_geom.__all__) <= set(listed)
+def test_the_reference_has_every_public_name_with_its_description() -> None:
+    text = (DOCS / "reference.md").read_text(encoding="utf-8")
+    listed = re.findall(r"^### \[(\w+)\]\(\.\./([\w/]+)\.py\)\n\n(.+)$", text, re.MULTILINE)
+    assert set(spinor_geom.__all__) <= {name for name, _, _ in listed}
+    assert len(listed) == text.count("\n### ")
+    for name, place, description in listed:
+        documented = inspect.getdoc(getattr(importlib.import_module(place.replace("/", ".")), name))
+        assert documented is not None
+        assert " ".join(documented.split("\n\n")[0].split()) == description, name
