@@ -154,7 +154,7 @@ class ForeignRimError(LoopError):
 
 class SelfCrossingLoopError(LoopError):
     sentence = (
-        "the loop crosses or touches itself: its edges {edges[0]} and {edges[1]} meet ({count} such pairs were found); "
+        "the loop crosses or touches itself: its edges {edges[0]} and {edges[1]} meet ({found} such pairs were found); "
         "move them apart, or give them a common vertex, which splits the loop"
     )
 

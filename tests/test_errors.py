@@ -29,6 +29,6 @@ def test_errors_have_the_fields_that_their_messages_use():
 
 
 def test_ids_are_attributes_and_tuples():
-    error = errors.SelfCrossingLoopError(edges=[[0, 1], [5, 6]], count=2)
+    error = errors.SelfCrossingLoopError(edges=[[0, 1], [5, 6]], count=2, found="2")
     assert error.edges == error.fields["edges"] == ((0, 1), (5, 6))
     assert "its edges (0, 1) and (5, 6) meet (2 such pairs were found)" in str(error)

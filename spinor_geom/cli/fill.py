@@ -215,7 +215,7 @@ def _row(outcome: LoopOutcome) -> dict[str, str | Text]:
         "faces": str(outcome.faces_added),
         "seconds": f"{outcome.timings['total']:.2f}" if outcome.timings else "",
         BEND: "" if bend is None else f"{bend.before.rms:.0f}° to {bend.after.rms:.0f}°",
-        CROSSINGS: Text(str(outcome.intersections or ""), style="red"),
+        CROSSINGS: Text("unknown" if not outcome.is_searched else str(outcome.intersections or ""), style="red"),
     }
 
 

@@ -14,7 +14,7 @@ from spinor_geom.files import up_axis, write_text
 from spinor_geom.fill.fill_options import Choice, FillOptions
 from spinor_geom.fill.filling import Filling
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.mesh.intersections import loop_crossings
+from spinor_geom.mesh.intersections import MOST_CROSSINGS, crossings_found, loop_crossings
 from spinor_geom.mesh.triangle_mesh import require_faces
 from spinor_geom.render.page import require_html
 
@@ -22,7 +22,7 @@ COLUMNS = ("loop", "points", "perimeter", "mean edge", "size", "centre", "elonga
 _SECONDS_TO_COUNT = 5.0  # the crossings of a loop, of which only tangles of more than 10,000 long edges take longer
 _CROSSING = {
     0: "",
-    1: "crosses or touches itself at 1 pair of edges",
+    1: "crosses or touches itself in 1 pair of edges",
     None: f"its crossings were not counted, which takes more than {_SECONDS_TO_COUNT:.0f} s",
 }
 # columns to leave out on a narrow terminal, in this order
@@ -83,6 +83,7 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
 
 
 def _json(index: int, loop: BoundaryLoop) -> dict[str, Any]:
+    crossings = _crossings(loop)
     return {
         "index": index,
         "vertices": len(loop),
@@ -95,7 +96,8 @@ def _json(index: int, loop: BoundaryLoop) -> dict[str, Any]:
         "seam_edges": len(loop.seam_edges),
         "seam_distance": loop.seam_distance,
         "junctions": len(loop.junctions),
-        "crossings": _crossings(loop),
+        "crossings": crossings,
+        "all_crossings_counted": crossings is not None and crossings < MOST_CROSSINGS,
         "obstacle": None if loop.obstacle is None else str(loop.obstacle),
         "remarks": list(loop.remarks),
         "corners": loop.vertex_ids[loop.corners].tolist(),
@@ -116,7 +118,7 @@ def _row(index: int, loop: BoundaryLoop, *, is_border: bool) -> list[str]:
         f"zero-width slit ({loop.slit_fraction:.0%})" if loop.slit_fraction else "",
         f"{len(loop.seam_edges)} edges on another loop" if len(loop.seam_edges) else "",
         f"{len(loop.junctions)} T-junctions" if len(loop.junctions) else "",
-        _CROSSING.get(crossings, f"crosses or touches itself at {crossings} pairs of edges"),
+        _CROSSING.get(crossings, f"crosses or touches itself in {crossings_found(crossings or 0)} pairs of edges"),
         "" if loop.obstacle is None else f"no patch: {loop.obstacle}",
         "border of a sheet, left open unless named" if is_border else "",
         *loop.remarks,

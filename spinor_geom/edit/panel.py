@@ -67,7 +67,8 @@ def _row(name: str, preview: Preview | None, chosen: str, is_current: bool) -> s
     kind = {"minimal": "film", None: "open"}.get(preview.kind, preview.kind)
     area = "" if preview.area is None else f"{preview.area:.4g}"
     residual = "" if preview.residual is None else f"{preview.residual:.0e}"
-    return f"{name:10}{kind:9}{area:>9}{residual:>10}{preview.intersections or '':>10}"
+    crossings = "unknown" if preview.intersections is None else preview.intersections or ""
+    return f"{name:10}{kind:9}{area:>9}{residual:>10}{crossings:>10}"
 
 
 def _wrapped(text: str, width: int) -> list[str]:

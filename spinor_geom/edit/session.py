@@ -31,7 +31,7 @@ class Preview:
         kind: that of the patch, as `LoopOutcome.kind`.
         area: of the surface, in squared mesh units.
         residual: RMS distance of an exact surface from the loop, in mean edges.
-        intersections: pairs of intersecting faces.
+        intersections: pairs of intersecting faces, or None if the time limit ended the search for them.
         sentences: why it is open or not good, and remarks.
         patch: None if the loop stays open.
         reach: the box in which other patches change this one, low and high corner.
@@ -42,7 +42,7 @@ class Preview:
     kind: str | None = None
     area: float | None = None
     residual: float | None = None
-    intersections: int = 0
+    intersections: int | None = 0
     sentences: tuple[str, ...]
     patch: LoopPatch | None = None
     reach: Float[np.ndarray, "2 3"]
@@ -59,7 +59,7 @@ class Preview:
             kind=outcome.kind,
             area=outcome.area if outcome.filled else None,
             residual=None if solution is None else float(solution.boundary_residual.rms_per_edge),
-            intersections=outcome.intersections,
+            intersections=outcome.intersections if outcome.is_searched else None,
             sentences=outcome.shortcomings,
             patch=patch,
             reach=reach,

@@ -268,7 +268,7 @@ class Window:
         self.plotter.suppress_rendering = True
         states = ["open"] * len(self._loops)
         for loops, (preview, is_current) in previews.items():
-            is_bad = preview is not None and (preview.patch is None or preview.intersections > 0)
+            is_bad = preview is not None and (preview.patch is None or preview.intersections != 0)
             for index in loops:
                 states[index] = "waits" if not is_current else "bad" if is_bad else self.session.choices[loops]
         self.plotter.subplot(0, 1)

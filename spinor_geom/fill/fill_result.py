@@ -84,7 +84,8 @@ class LoopOutcome:
 
     def __repr__(self) -> str:
         area = "" if self.area is None else f", area {self.area:.6g}"
-        crossings = f", {self.intersections} intersections" if self.intersections else ""
+        found = f"{self.intersections} intersections" if self.is_searched else "not searched for intersections"
+        crossings = "" if self.intersection_free else f", {found}"
         state = self.kind or ("border" if self.is_border else "open")
         reason = f": {self.reason}" if self.reason else ""
         return shortened(f"LoopOutcome(loop {self.index}, {len(self.loop)} points, {state}{area}{crossings}{reason})")
@@ -205,7 +206,8 @@ class LoopOutcome:
             "continuation": None if continuation is None else continuation.to_dict(),
             "annulus": None if solution is None or solution.annulus is None else solution.annulus.to_dict(),
             "area_minimum": None if solution is None else bool(solution.is_area_minimum),
-            **{name: getattr(self, name) for name in ("vertices_added", "faces_added", "edges_split", *_CROSSINGS)},
+            **{name: getattr(self, name) for name in ("vertices_added", "faces_added", "edges_split")},
+            **{name: getattr(self, name) if self.is_searched else None for name in _CROSSINGS},
             "is_searched": self.is_searched,
             "face_range": None if self.face_range is None else list(self.face_range),
             "displacement": self.displacement,

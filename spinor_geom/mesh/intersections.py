@@ -135,12 +135,18 @@ def _meeting_edges(starts: Chain, ends: Chain, wanted: Callable[..., Bool[np.nda
     return near_edges(starts, ends, tolerance, meet, enough=MOST_CROSSINGS), tolerance
 
 
+def crossings_found(count: int) -> str:
+    """The number of crossings that a search found, for sentences: not all of them where it ended early."""
+    return str(count) if count < MOST_CROSSINGS else f"at least {count}"
+
+
 def require_simple(loop: BoundaryLoop) -> None:
     """Raises a SelfCrossingLoopError with the first two edges of a loop that meet."""
     crossings = loop_crossings(loop.points)
     if len(crossings):
         edges = np.stack([loop.vertex_ids, shifted(loop.vertex_ids, -1)], axis=1)[crossings[0]]
-        raise SelfCrossingLoopError(edges=edges.tolist(), count=len(crossings))
+        count = len(crossings)
+        raise SelfCrossingLoopError(edges=edges.tolist(), count=count, found=crossings_found(count))
 
 
 def sorted_pairs(pairs: Pairs) -> Pairs:

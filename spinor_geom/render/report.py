@@ -195,11 +195,10 @@ def _summary(result: FillResult) -> str:
     if not count:
         return "The mesh has no boundary loops: nothing to fill."
     pairs = sum(outcome.intersections for outcome in result.loops)
-    intersections = f"the patches have {pairs} intersecting pairs of faces"
+    is_searched = all(outcome.is_searched for outcome in result.loops)
+    intersections = f"the patches have {'' if is_searched else 'at least '}{pairs} intersecting pairs of faces"
     if not pairs:
-        intersections = (
-            f"{'no patch' if result.intersection_free else 'no patch that was searched'} intersects anything"
-        )
+        intersections = f"no patch{'' if is_searched else ' that was searched'} intersects anything"
     return (
         f"{filled} of {count} loops filled; {len(result.original.vertices)} vertices and {len(result.original.faces)} "
         f"triangles before, {len(result.extension.vertices)} and {len(result.extension.faces)} added. The filled mesh "

@@ -167,13 +167,32 @@ def test_a_loop_that_crosses_itself_is_named_and_listed(
     assert "loop 0 (16 vertices) is closed by a discrete surface" in printed
     assert "the loop crosses or touches itself: its edges" in printed
     assert main(["loops", str(path)]) == 0
-    assert capsys.readouterr().out.count("crosses or touches itself at 1 pair of edges") == 2
+    assert capsys.readouterr().out.count("crosses or touches itself in 1 pair of edges") == 2
     assert main(["loops", str(path), "--json", "--html", str(tmp_path / "loops.html")]) == 0
     assert "<h1>Boundary loops of eight.obj</h1>" in (tmp_path / "loops.html").read_text(encoding="utf-8")
-    assert [entry["crossings"] for entry in json.loads(capsys.readouterr().out)] == [1, 1]
+    entries = json.loads(capsys.readouterr().out)
+    assert [(entry["crossings"], entry["all_crossings_counted"]) for entry in entries] == [(1, True), (1, True)]
     monkeypatch.setattr("spinor_geom.cli.loops._SECONDS_TO_COUNT", -1)
     assert main(["loops", str(path)]) == 0
     assert capsys.readouterr().out.count("its crossings were not counted") == 2
+    assert main(["loops", str(path), "--json"]) == 0
+    entry = json.loads(capsys.readouterr().out)[0]
+    assert (entry["crossings"], entry["all_crossings_counted"]) == (None, False)
+
+
+def test_crossings_that_were_not_all_counted_are_told_as_such(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    points = np.random.default_rng(0).normal(size=(2000, 3)) * [1, 1, 0]
+    path, page = tmp_path / "tangle.obj", tmp_path / "loops.html"
+    lines = [f"v {x} {y} {z}\n" for x, y, z in points]
+    path.write_text("".join([*lines, f"f {' '.join(map(str, range(1, 2001)))}\n"]))
+    assert main(["loops", str(path), "--html", str(page)]) == 0
+    for text in (capsys.readouterr().out, page.read_text(encoding="utf-8")):
+        assert re.search(r"crosses or touches itself in at least \d{6} pairs of edges", text)
+    assert main(["loops", str(path), "--json"]) == 0
+    (entry,) = json.loads(capsys.readouterr().out)
+    assert (entry["crossings"] >= 100_000, entry["all_crossings_counted"]) == (True, False)
 
 
 def test_bridge_joins_two_rims_and_islands_are_joined_on_request(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -13,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from spinor_geom.adapters import read_mesh
+from spinor_geom.cli.fill import _row as fill_row
 from spinor_geom.deadline import seconds_left
 from spinor_geom.errors import SelfCrossingLoopError
 from spinor_geom.fill import fill_loop, new_patch
@@ -28,6 +30,7 @@ from spinor_geom.mesh.intersections import intersections_between, self_intersect
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.plateau import solve_plateau
+from spinor_geom.render.report import _summary as page_summary
 from tests.fill.shapes import circle, collar, cone, figure_eight, linked_rings, spiked_tetrahedron, trefoil, tube
 from tests.strategies import SEEDS, HoledDisk, RigidMotion, holed_disks, rigid_motions
 
@@ -109,6 +112,13 @@ def test_without_time_to_search_for_intersections_a_patch_is_kept_and_not_called
     assert outcome.filled
     assert not outcome.is_searched
     assert outcome.to_dict()["is_searched"] is False
+    assert outcome.to_dict()["mesh_intersections"] is None
+    assert "not searched for intersections" in repr(outcome)
+    assert str(fill_row(outcome)["crossings"]) == "unknown"
+    assert "no patch that was searched intersects anything" in page_summary(report)
+    assert "have at least 3 intersecting pairs" in page_summary(
+        replace(report, loops=(*report.loops, replace(outcome, is_searched=True, mesh_intersections=3)))
+    )
     assert not report.intersection_free
     assert "not searched for all intersections" in report.summary
     assert any("whether the patch intersects anything is not known" in note for note in outcome.remarks)

@@ -12,7 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from spinor_geom.deadline import time_limit
-from spinor_geom.errors import OptionError, OutOfTimeError
+from spinor_geom.errors import OptionError, OutOfTimeError, SelfCrossingLoopError
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.intersections import (
     MOST_CROSSINGS,
     edges_through,
@@ -20,6 +21,7 @@ from spinor_geom.mesh.intersections import (
     is_graph,
     is_star,
     loop_crossings,
+    require_simple,
     self_intersections,
 )
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
@@ -264,6 +266,8 @@ def test_stars_are_simple_where_they_wind_once(seed: int, count: int, turns: int
 def test_the_search_for_crossing_edges_of_a_tangle_ends() -> None:
     points = np.random.default_rng(0).normal(size=(30_000, 3)) * [1, 1, 0]
     assert MOST_CROSSINGS <= len(loop_crossings(points)) < 4 * MOST_CROSSINGS  # of 10⁸
+    with pytest.raises(SelfCrossingLoopError, match=r"at least [0-9]{6} such pairs were found"):
+        require_simple(BoundaryLoop.from_points(points))
 
 
 def test_the_search_for_crossing_faces_has_a_time_limit() -> None:
