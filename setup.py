@@ -19,7 +19,8 @@ class BuildKernel(build_ext):
         """Compiles and copies."""
         self.force = True  # the times of files do not say whether the sources are those of the last compilation
         super().run()
-        self.copy_extensions_to_source()
+        if "_PYTHON_HOST_PLATFORM" not in os.environ:  # which names another platform
+            self.copy_extensions_to_source()
 
     def build_extensions(self) -> None:
         """Compiles the files at the same time."""

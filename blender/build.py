@@ -1,26 +1,46 @@
 """Writes the extension for one platform as a zip, with the wheels that it needs.
 
-Run it with the version of Python that Blender has: `python3.13 blender/build.py`.
+Run it on Linux by Python 3.13, the version of Blender: `python3.13 blender/build.py`. Zig compiles for all platforms.
 """
 
 import argparse
 import json
+import os
 import subprocess
 import sys
 import tempfile
 import zipfile
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 HERE = Path(__file__).parent
 PYTHON = (3, 13)  # Blender's
-# by Blender's names. On macOS pip takes wheels for earlier versions, too
-PLATFORM_TAGS = {
-    "linux-x64": ["linux_x86_64", "manylinux2014_x86_64", *(f"manylinux_2_{minor}_x86_64" for minor in range(18, 29))],
-    "macos-arm64": ["macosx_14_0_arm64"],
-    "windows-x64": ["win_amd64"],
+
+
+@dataclass(frozen=True, kw_only=True)
+class Platform:
+    """A platform as Zig, Python and pip call it."""
+
+    target: str
+    name: str
+    suffix: str
+    tags: Sequence[str]
+
+
+# by Blender's names. glibc 2.28 is that of Blender, and pip does not take wheels for earlier versions by itself
+PLATFORMS = {
+    "linux-x64": Platform(
+        target="x86_64-linux-gnu.2.28",
+        name="manylinux_2_28_x86_64",
+        suffix=".so",
+        tags=["manylinux2014_x86_64", *(f"manylinux_2_{minor}_x86_64" for minor in range(17, 29))],
+    ),
+    "macos-arm64": Platform(
+        target="aarch64-macos.14.0", name="macosx-14.0-arm64", suffix=".so", tags=["macosx_14_0_arm64"]
+    ),
+    "windows-x64": Platform(target="x86_64-windows-gnu", name="win-amd64", suffix=".pyd", tags=["win_amd64"]),
 }
-OWN = {"linux": "linux-x64", "darwin": "macos-arm64", "win32": "windows-x64"}
 
 
 def write(folder: Path, platform: str, wheels: Sequence[Path]) -> Path:
@@ -39,29 +59,34 @@ def write(folder: Path, platform: str, wheels: Sequence[Path]) -> Path:
     return path
 
 
-def _pip(*words: object) -> None:
-    subprocess.run([sys.executable, "-m", "pip", "--quiet", *map(str, words)], check=True)
+def _pip(*words: object, **environment: str) -> None:
+    command = [sys.executable, "-m", "pip", "--quiet", *map(str, words)]
+    subprocess.run(command, check=True, env={**os.environ, **environment})
+
+
+def wheels(folder: Path, platform: Platform) -> list[Path]:
+    """Builds the wheel of this clone for a platform, and downloads those that it needs and Blender does not have."""
+    _pip("install", "--target", folder / "zig", "ziglang")
+    compiler = f"{folder / 'zig' / 'ziglang' / 'zig'} c++ -target {platform.target}"
+    # what setuptools compiles with and names the file and the wheel after, instead of this machine's
+    built_for = {"SETUPTOOLS_EXT_SUFFIX": platform.suffix, "_PYTHON_HOST_PLATFORM": platform.name}
+    _pip("wheel", "--no-deps", "-w", folder, HERE.parent, CC=compiler, CXX=compiler, **built_for)
+    (own,) = folder.glob("*.whl")
+    target = ["--only-binary=:all:", "--python-version={}.{}".format(*PYTHON)]
+    _pip("download", *target, *(f"--platform={tag}" for tag in platform.tags), "-d", folder / "wheels", own)
+    return sorted(path for path in (folder / "wheels").glob("*.whl") if not path.name.startswith("numpy-"))
 
 
 def main() -> None:
-    """Builds the wheel, downloads those that it needs, and writes the zip."""
+    """Writes the zip for the given platform."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("-o", "--output", type=Path, default=Path("out"), help="folder of the zip (default: out)")
-    parser.add_argument("--platform", choices=PLATFORM_TAGS, default=OWN[sys.platform])
-    parser.add_argument("--wheel", type=Path, help="of spinor_geom for this platform; otherwise it is built")
+    parser.add_argument("--platform", choices=PLATFORMS, default="linux-x64", help="(default: linux-x64)")
     given = parser.parse_args()
-    if given.wheel is None and (sys.version_info[:2] != PYTHON or given.platform != OWN[sys.platform]):
-        parser.error("run it with Python {}.{} on the platform, or give the platform's --wheel".format(*PYTHON))
-    with tempfile.TemporaryDirectory() as name:
-        folder, wheel = Path(name), given.wheel
-        if wheel is None:
-            _pip("wheel", "--no-deps", "-w", folder, HERE.parent)
-            (wheel,) = folder.glob("*.whl")
-        target = [f"--platform={tag}" for tag in PLATFORM_TAGS[given.platform]]
-        target += ["--only-binary=:all:", "--python-version={}.{}".format(*PYTHON)]
-        _pip("download", *target, "-d", folder / "wheels", wheel)
-        wheels = [path for path in (folder / "wheels").glob("*.whl") if not path.name.startswith("numpy-")]  # Blender's
-        print(write(given.output, given.platform, sorted(wheels)))
+    if sys.version_info[:2] != PYTHON or sys.platform != "linux":
+        parser.error("run it on Linux with Python {}.{}".format(*PYTHON))
+    with tempfile.TemporaryDirectory() as folder:
+        print(write(given.output, given.platform, wheels(Path(folder), PLATFORMS[given.platform])))
 
 
 if __name__ == "__main__":
