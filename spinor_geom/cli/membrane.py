@@ -62,7 +62,7 @@ def _json(membrane: Membrane) -> dict[str, Any]:
                 *(x.tolist() for x in (membrane.supports, membrane.forces, membrane.is_free)), strict=True
             )
         ],
-        "edge_forces": membrane.edge_forces.tolist(),
+        "edge_forces": dict(zip(membrane.edge_names, membrane.edge_forces.tolist(), strict=True)),
         "ring_heights": membrane.heights.tolist(),
         "total_force": membrane.total_force.tolist(),
     }

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from operator import itemgetter
 from typing import TypeVar
 
 import numpy as np
@@ -26,7 +27,7 @@ _ENDS = np.array([0.0, 1.0])
 
 
 def with_images(edges: Sequence[Edge]) -> list[tuple[int, Cable | Ring | OpenCurve]]:
-    """Edges and their reflections in planes, with their numbers. Those that are given already are left out."""
+    """Edges, each followed by its reflections in planes, with their numbers. Those given already are left out."""
     found: list[tuple[int, Cable | Ring | OpenCurve]] = []
     for number, one in enumerate(edges):
         if isinstance(one, SymmetryPlane):
@@ -51,7 +52,7 @@ def with_images(edges: Sequence[Edge]) -> list[tuple[int, Cable | Ring | OpenCur
             if isinstance(own, Ring) and own.force is not None and abs(normal[2]) > _MEETING:
                 raise OptionError(f"edge {number}: a ring with a force is reflected in vertical planes only")
             found.append((number, _moved(own, image)))
-    return found
+    return sorted(found, key=itemgetter(0))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

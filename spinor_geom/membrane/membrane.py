@@ -86,6 +86,7 @@ class Membrane:
         forces: of the supports on the corners, in units of the surface tension times mesh units, or 0 if free.
         edge_forces: of fixed edges and rings on the film, by edge in the order of the arguments, each with its
             reflections, or 0 for cables.
+        edge_names: of these edges: the number of the argument, such as "4", and for its reflections "4.1" and so on.
         heights: displacements of the rings along the z axis.
         steps: sizes of the steps of Newton's method, in mesh units.
     """
@@ -96,6 +97,7 @@ class Membrane:
     is_free: Bool[np.ndarray, " n"]
     forces: Float[np.ndarray, "n 3"]
     edge_forces: Float[np.ndarray, "e 3"]
+    edge_names: tuple[str, ...]
     heights: Float[np.ndarray, " r"]
     steps: tuple[float, ...]
 
@@ -390,13 +392,19 @@ class _State:
             edge, _ = self.edges_at(number, nodes.places)
             np.add.at(held, np.where(edge < len(frame.edges), edge, edge + len(frame.stays)), nodes.conormal)
         held[list(frame.cable_numbers)] = 0
+        order = np.argsort(frame.numbers, kind="stable")
+        numbers = np.array(frame.numbers)[order]
+        copies = np.arange(len(numbers)) - np.searchsorted(numbers, numbers)
         return Membrane(
             film=self.film,
             cables=tuple(shapes[k] for k in np.argsort(frame.cable_given, kind="stable").tolist()),
             supports=self.control[: len(frame.nodes)],
             is_free=frame.is_free,
             forces=self.gradient(tensions)[: len(frame.nodes)],
-            edge_forces=held[np.argsort(frame.numbers, kind="stable")],
+            edge_forces=held[order],
+            edge_names=tuple(
+                f"{number}.{copy}" if copy else f"{number}" for number, copy in zip(numbers, copies, strict=True)
+            ),
             heights=self.control[frame.ring_controls, 2],
             steps=steps,
         )

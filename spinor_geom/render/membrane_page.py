@@ -36,7 +36,11 @@ def membrane_page(membrane: Membrane, *, name: str) -> str:
         [f"support {number}{' (free)' * bool(free)}", *_cells(force)]
         for number, (free, force) in enumerate(zip(membrane.is_free, membrane.forces, strict=True))
     ]
-    forces += [[f"edge {number}", *_cells(one)] for number, one in enumerate(membrane.edge_forces) if one.any()]
+    forces += [
+        [f"edge {name}", *_cells(one)]
+        for name, one in zip(membrane.edge_names, membrane.edge_forces, strict=True)
+        if one.any()
+    ]
     forces.append(["sum", *_cells(membrane.total_force)])
     cables = [
         [str(number), f"{cable.tension:.9g}", f"{cable.length:.9g}"] for number, cable in enumerate(membrane.cables)

@@ -34,6 +34,7 @@ def test_half_a_square_of_cables_becomes_a_film_with_forces(
     found = json.loads(capsys.readouterr().out)
     assert [one["length"] for one in found["cables"]] == pytest.approx([3 * HALF] * 4, abs=1e-8)
     np.testing.assert_allclose(found["total_force"], 0, atol=1e-8)
+    assert list(found["edge_forces"]) == ["0", "0.1", "2", "2.1"]
     # two cables pull at each corner along its diagonal
     size = 1.5 * np.sqrt(2) * (np.cos(HALF) + np.sin(HALF))
     forces = [one["force"] for one in found["supports"]]

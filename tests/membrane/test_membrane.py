@@ -270,6 +270,18 @@ def test_what_is_wrong_with_fixed_edges_and_sizes_is_said_alone() -> None:
             solve_membrane(ring(scale * SQUARE, tension=scale))
 
 
+def test_reflections_of_rings_have_names_and_heights_beside_them() -> None:
+    plane = SymmetryPlane(point=(0, 0, 0), normal=(1, 0, 0))
+    heads = [Ring(points=circle(0.3, z, 0.8, y), force=force) for z, y, force in ((0.1, 0.7, 0.2), (0.2, -0.7, 0.4))]
+    membrane = solve_membrane([heads[0], plane, Ring(points=circle(2, 0)), heads[1]])
+    assert membrane.edge_names == ("0", "0.1", "2", "3", "3.1")
+    np.testing.assert_allclose(membrane.edge_forces[[0, 1, 3, 4], 2], [0.2, 0.2, 0.4, 0.4], atol=1e-7)
+    # the heights of two reflections are equal, those of the two rings are not
+    first, image, outer, second, other = membrane.heights
+    assert [first, second, outer] == pytest.approx([image, other, 0], abs=1e-6)
+    assert abs(first - second) > 0.01
+
+
 def test_a_free_ring_is_reflected_in_planes_that_are_vertical_up_to_rounding() -> None:
     plane = SymmetryPlane(point=(2, 0, 0), normal=(1, 0, 1e-17))
     assert len(with_images([Ring(points=circle(0.5, 5.0), force=1.0), plane])) == 2
