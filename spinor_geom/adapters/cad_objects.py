@@ -23,8 +23,8 @@ def cad_shapes(what: Any) -> list[Any] | None:
         if not any(are_cad):
             return None
         if not all(are_cad):
-            found = f"a list with a {type(what[are_cad.index(False)]).__name__}"
-            raise ArgumentTypeError(function="solve_plateau", takes="lists of CAD wires and edges only", found=found)
+            found = type(what[are_cad.index(False)]).__name__
+            raise ArgumentTypeError(f"a list of CAD wires and edges also has an object of type {found}; remove it")
         return [shape for one in what for shape in _shapes_of(one)]
     return _shapes_of(what) if _is_cad(what) else None
 
@@ -51,7 +51,5 @@ def _shapes_of(what: Any) -> list[Any]:
         inner = [content.wrapped for name in _CONTENTS if (content := getattr(what, name, None)) is not None]
     shapes = [one for one in inner if any(cls.__name__ == "TopoDS_Shape" for cls in type(one).__mro__)]
     if not shapes:
-        raise ArgumentTypeError(
-            function="solve_plateau", takes="wires, edges and shells of a CAD library", found=type(what).__name__
-        )
+        raise ArgumentTypeError(f"a CAD object of type {type(what).__name__} has no shape; give wires, edges or shells")
     return shapes

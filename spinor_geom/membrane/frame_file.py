@@ -35,8 +35,11 @@ _KINDS: dict[str, tuple[Callable[..., Edge], int, tuple[str, ...]]] = {
     "ring": (lambda points, **rest: Ring(points=points, **rest), 0, ("force",)),
     "symmetric": (lambda points: SymmetryPlane(point=points[0], normal=points[1]), 2, ()),
 }
-# a kind and the digits by which programs number equal names, then other words
-_NAME = re.compile(rf"\s*({'|'.join(_KINDS)}|symmetry)\d*(?![^\W_])[\s:=_]*(.*?)\s*$", re.IGNORECASE | re.DOTALL)
+# a kind and the digits by which programs number equal names ("cable2", "cable001", "cable.001"), then other words
+_NAME = re.compile(
+    rf"\s*({'|'.join(_KINDS)}|symmetry)(?![^\W\d_])(?:\d*(?:\.\d{{3}})?(?![^\W_]|\.))?[\s:=_]*(.*?)\s*$",
+    re.IGNORECASE | re.DOTALL,
+)
 
 
 def read_frame(path: str | os.PathLike[str]) -> list[Edge]:

@@ -159,8 +159,8 @@ BAD = {
     "closed": (cad.Box(1, 1, 1), NoEdgesError, "without a free boundary"),
     "vertex": (cad.Vertex(1, 2, 3), NoEdgesError, "no edges and no faces"),
     "nothing": (cad.Compound([]), NoEdgesError, "no edges and no faces"),
-    "mixed list": ([cad.Edge.make_circle(1), 3], ArgumentTypeError, "not a list with a int"),
-    "no shape": (cad.Plane.XY, ArgumentTypeError, "not Plane"),
+    "mixed list": ([cad.Edge.make_circle(1), 3], ArgumentTypeError, "also has an object of type int"),
+    "no shape": (cad.Plane.XY, ArgumentTypeError, "of type Plane has no shape"),
 }
 
 
