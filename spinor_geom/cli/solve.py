@@ -78,7 +78,9 @@ def _write_patches(solution: PlateauSolution, arguments: argparse.Namespace) -> 
         f"{len(surface.patches)} patches, {surface.size} control points, area {surface.area:.9g}, at most "
         f"{deviations.surface:.1e} from the minimal surface and {deviations.rim:.1e} from the curve"
     )
-    return facts, "" if surface.converged else surface.reason
+    if not surface.converged:
+        return facts, surface.reason
+    return facts, "" if solution.converged or arguments.tolerance is None else solution.reason
 
 
 def _write_mesh(solution: PlateauSolution, arguments: argparse.Namespace) -> tuple[str, str]:

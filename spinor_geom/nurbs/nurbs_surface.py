@@ -85,8 +85,8 @@ class NurbsSurface:
         trims: of a plane surface, whose one patch is a rectangle around it: the splines of each rim, else none.
         deviations: measured.
         tolerance: given to `to_nurbs`, relative to `deviations.diagonal`.
-        converged: whether the patches and the displacement of the rims are within the tolerance, and the solution has
-            converged or was continued.
+        converged: whether the patches and the displacement of the rims are within the tolerance. That of the solution
+            does not matter.
         reason: the accuracy that was reached, in one sentence.
     """
 
@@ -195,9 +195,7 @@ def nurbs_surface(solution: PlateauSolution, tolerance: float) -> NurbsSurface:
     diagonal = solution.diagonal
     if solution.route == "plane":
         return _plane(solution, tolerance, diagonal)
-    given, solution = solution, _within(solution, tolerance * diagonal)
-    # of a solution that was continued only the distance counts, not the tolerance of the last step
-    has_converged = given.converged or solution is not given
+    solution = _within(solution, tolerance * diagonal)
     disk, missed = PolynomialDisk.of(solution.array_surface), solution.boundary_residual.max
     with one_thread():
         if disk is not None and disk.is_representable and missed <= tolerance * diagonal / NEARER_AT_RIMS:
@@ -216,9 +214,7 @@ def nurbs_surface(solution: PlateauSolution, tolerance: float) -> NurbsSurface:
     within = fit.error <= tolerance * diagonal
     reason = f"interpolation error {reached}"
     is_met = moved <= tolerance * diagonal
-    if not has_converged:
-        reason = f"{reason}, but the solution has not converged: {solution.reason}"
-    elif not is_met:
+    if not is_met:
         reason = (
             f"{reason}, but the rims are moved by the boundary residual of the solution, {moved / diagonal:.1e} of the "
             f"diagonal, above the tolerance {tolerance:.1e}: solve with a smaller tolerance"
@@ -231,7 +227,7 @@ def nurbs_surface(solution: PlateauSolution, tolerance: float) -> NurbsSurface:
         rims=mesh.rims,
         deviations=deviations,
         tolerance=tolerance,
-        converged=within and is_met and has_converged,
+        converged=within and is_met,
         reason=reason,
     )
 

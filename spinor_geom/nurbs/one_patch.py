@@ -1,4 +1,4 @@
-"""One quadrilateral that covers a disk with two, three or four corners."""
+"""One quadrilateral that covers a disk with at most four corners."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from spinor_geom.surface.array_surface import ArraySurface
 
 _GRID = np.linspace(0, 1, 65)  # parameters where the quadrilateral is tested for folds
 _LEAST_SINE = 0.02  # of its angles
+_SHARP = np.pi / 6  # largest angle of a single corner; at larger ones several patches are never too short
 _ASIDE = 1e-6  # the angle at a corner is between points at this distance along Γ, relative to its length
 
 _Row = TypeVar("_Row", bound=np.ndarray)
@@ -26,7 +27,8 @@ class OnePatch:
     """A surface over a disk as one quadrilateral, whose rim is moved to the curve.
 
     Its sides are those of the curve. With fewer than four corners, one side lies in the sharpest corner, or one in each
-    of two corners: there the patch is singular, as a sphere is at its poles. Across, points are similarity images of
+    of two corners: there the patch is singular, as a sphere is at its poles. With a single corner the point farthest
+    from it is the other pole, as the nose of an airfoil. Across, points are similarity images of
     the first and the third side, blended. At equal parameters points of opposite sides have equal shares of their
     sides, so lines of constant u or v follow the curve.
     """
@@ -37,13 +39,22 @@ class OnePatch:
 
     @classmethod
     def of(cls, surface: ArraySurface, rims: Sequence[Rim]) -> OnePatch | None:
-        """The quadrilateral, or None if it would be folded, or the surface has not one curve with 2 to 4 corners."""
-        if len(rims) > 1 or not 2 <= len(rims[0].corners) <= 4:
+        """The quadrilateral, or None if it would be folded, or the surface has not one curve with 1 to 4 corners.
+
+        A single corner must be sharp.
+        """
+        if len(rims) > 1 or not 1 <= len(rims[0].corners) <= 4:
             return None
         (rim,) = rims
-        corners = rim.corners
-        if len(corners) == 3:
-            corners = np.roll(corners, -1 - _angles(rim).argmin())
+        corners, angles = rim.corners, _angles(rim)
+        if len(corners) == 1:
+            if angles[0] > _SHARP:
+                return None
+            breaks = rim.curve.breaks[:-1]
+            away = rim.curve.point(breaks) - rim.curve.point(corners)
+            corners = np.append(corners, breaks[np.linalg.norm(away, axis=1).argmax()])
+        elif len(corners) == 3:
+            corners = np.roll(corners, -1 - angles.argmin())
         corners = np.append(corners, corners[0])
         ends = np.stack([corners[:-1], corners[1:] + (corners[1:] <= corners[:-1])], axis=1)
         # the third side lies in the last corner, or the first and the third in both corners

@@ -16,15 +16,21 @@ from spinor_geom.mesh.rational_splines import NurbsCurve, spline_nodes
 _FEWEST, _MOST = 8, 20_000  # numbers of pieces
 _DEGREE = 5
 _STRAIGHT = 1e-12  # largest distance of a straight side from a line of constant speed, relative to its length
+_JUMP = 1e-6  # jump of the second derivative that ends a spline, relative to its largest value; rounding is 1e-10
 
 
 def splines_along(curve: BoundaryCurve, allowed: float) -> tuple[tuple[NurbsCurve, ...], float]:
-    """A spline for each side between corners of a curve, and their largest distance from it at equal parameters.
+    """A spline for each smooth part of a curve, and their largest distance from it at equal parameters.
 
-    A curve without corners is one closed side. Pieces with an error above the allowed one, in mesh units, are halved.
+    Parts end at corners and where the curvature jumps, as between a line and an arc: a spline across would need knots
+    so dense there that CAD programs integrate along it inaccurately. A curve without either is one closed part. Pieces
+    with an error above the allowed one, in mesh units, are halved.
     """
-    corners = curve.breaks[:-1][curve.corners]
-    ends = np.append(corners, corners[0] + 1) if len(corners) else np.array([0.0, 1.0])
+    start = curve.breaks[:-1]
+    after, before = curve.second_derivative(start), curve.second_derivative(np.nextafter(curve.breaks[1:], 0.0))
+    jumps = np.linalg.norm(after - np.roll(before, 1, axis=0), axis=1)
+    found = start[curve.corners | (jumps > _JUMP * np.linalg.norm(after, axis=1).max())]
+    ends = np.append(found, found[0] + 1) if len(found) else np.array([0.0, 1.0])
     sides = [_spline(curve, (first, last), allowed) for first, last in pairwise(ends)]
     return tuple(side for side, _ in sides), max(error for _, error in sides)
 

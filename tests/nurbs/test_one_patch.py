@@ -1,4 +1,4 @@
-"""Frames with two to four corners become one patch whose lines follow the frame."""
+"""Frames with at most four corners become one patch whose lines follow the frame."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -66,6 +66,21 @@ def test_a_patch_with_a_sharp_angle_meets_its_frame(degrees: float, tmp_path: Pa
     assert surface.deviations.rim < 1e-9 * surface.deviations.diagonal
     surface.save(tmp_path / "film.step")
     assert is_valid(read_shape(tmp_path / "film.step"))
+
+
+@pytest.mark.parametrize(("degrees", "is_one"), [(8, True), (20, True), (60, False)])
+def test_a_single_sharp_corner_is_a_pole_of_one_patch(degrees: float, is_one: bool, tmp_path: Path) -> None:
+    a = np.linspace(-1, 1, 65)[:-1]  # a bent drop: its tip at -1, its nose at 0
+    drop = np.column_stack([20 * a**2, 20 * np.tan(np.radians(degrees / 2)) * a * (1 - a**2), 8 * a**2 * (1 - a**2)])
+    solution = spinor_geom.solve_plateau(BoundaryLoop.from_points(drop, corners=[0]), tolerance=1e-5)
+    surface = solution.to_nurbs()
+    assert surface.converged
+    assert (len(surface.patches) == 1) == is_one
+    assert abs(surface.area / solution.area - 1) < 1e-6
+    surface.save(tmp_path / "film.step")
+    shape = read_shape(tmp_path / "film.step")
+    assert is_valid(shape)
+    assert free_wires(shape)[:2] == (1, 0)
 
 
 def test_folded_patches_are_not_made() -> None:
