@@ -7,6 +7,7 @@ import io
 import math
 import os
 import re
+import signal
 import sys
 import warnings
 from collections.abc import Callable, Sequence
@@ -28,6 +29,8 @@ _UNUSABLE = "2: invalid arguments or input, or a file cannot be written"
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command line (`argv` without the program's name, by default `sys.argv`) and returns the exit status."""
+    if argv is None:  # a process of its own, which removes its temporary files when it is asked to end, too
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:  # closed by the shell. The next opened file would get its descriptor
             setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115 - open until the end

@@ -547,6 +547,22 @@ def test_an_interrupted_fill_changes_none_of_its_files(
     assert left == {"out.obj": b"old", "out.png": b"old"}
 
 
+def test_a_terminated_fill_leaves_no_temporary_files(mesh_path: Path, tmp_path: Path) -> None:
+    (tmp_path / "out.obj").write_text("old")
+    program = """if True:
+        import os, signal, sys
+        from spinor_geom import files
+        from spinor_geom.cli.main import main
+        files._replace = lambda _: os.kill(os.getpid(), signal.SIGTERM)
+        sys.exit(main())
+    """
+    command = [sys.executable, "-c", program, "fill", str(mesh_path), "-o", str(tmp_path / "out.obj")]
+    done = subprocess.run(command, stderr=subprocess.PIPE, text=True, timeout=120, check=False)
+    assert (done.returncode, done.stderr) == (130, "spinor-geom: interrupted\n")
+    left = {path.name: path.read_bytes() for path in tmp_path.iterdir() if path != mesh_path}
+    assert left == {"out.obj": b"old"}
+
+
 @pytest.mark.parametrize("loops", [2, 22])
 def test_of_many_loops_only_counts_and_exceptions_are_listed(
     loops: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
