@@ -344,6 +344,24 @@ def test_a_continuation_that_cannot_be_remeshed_is_kept(
         np.testing.assert_array_equal(moved.patch.vertices, first.patch.vertices)
 
 
+@pytest.mark.parametrize(("second", "rounds"), [(3.0, 2), (1.9, 3)])
+def test_a_continuation_whose_next_step_is_not_halved_by_a_round_is_left(
+    monkeypatch: pytest.MonkeyPatch, second: float, rounds: int
+) -> None:
+    _, film, collar = with_film(without(icosphere(3), centres(icosphere(3))[:, 2] > -0.3))
+    good, left = minimised_curvature(film, collar), [0.001, second, 4.0]
+
+    def slow(*_: object) -> Faired:
+        return replace(good, next_step=left.pop(), stretch=1.0)
+
+    monkeypatch.setattr(continuation, "minimised_curvature", slow)
+    monkeypatch.setattr(continuation, "_from_domain_of_angles", lambda *_: None)
+    monkeypatch.setattr(continuation, "_refined", lambda faired, *_: faired)
+    moved = continue_patch(film, collar, GRADED)
+    assert len(left) == 3 - rounds
+    assert moved.order == ("curvature" if rounds == 3 else "thin plate")
+
+
 @pytest.mark.parametrize("error", [SingularMatrixError(size=5), TooManyPointsError("too many points")])
 def test_a_patch_whose_domain_of_angles_cannot_be_meshed_is_continued(
     monkeypatch: pytest.MonkeyPatch, error: SpinorGeomError
