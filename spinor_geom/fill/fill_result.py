@@ -156,9 +156,11 @@ class LoopOutcome:
             return self.remarks
         notes = self.remarks
         if self.areas_differ:
+            moved = f"vertices were moved off the surface by up to {self.displacement:.3g}, because of intersections"
+            curved = "between the points of the loop the boundary of the surface is not straight"
             note = (
                 f"the area of the surface is {solution.area:.6g}, that of its mesh {self.patch.area:.6g}: "
-                "between the points of the loop the boundary of the surface is not straight"
+                f"{moved if self.displacement else curved}"
             )
             notes = (*notes, note)
         disk_area = None if solution.annulus is None else solution.annulus.disk_area

@@ -14,6 +14,7 @@ from spinor_geom.fill.fairing import SMALLEST_ANGLE
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.mesh.intersections import intersections_between, self_intersections
 from spinor_geom.mesh.topology import HalfEdges
+from tests.fill.shapes import circle, tube
 from tests.systems import every_second
 
 STEEP = [
@@ -91,3 +92,11 @@ def test_a_patch_that_crosses_nothing_is_not_moved(seed: int) -> None:
     inner = patch.points[patch.boundary_size :]
     # the accuracy of Cauchy's formula in `positions_inside`
     np.testing.assert_allclose(patch.vertices[patch.boundary_size :], surface.positions_inside(inner)[0], atol=1e-10)
+
+
+def test_where_the_moves_change_the_area_the_note_says_so() -> None:
+    # over the outer border of a wavy sheet the film passes through the sheet, so that most of its vertices are moved
+    rings = [circle(40, radius, -0.2 * radius, bend=0.3 * radius) for radius in np.linspace(1, 1.45, 4)]
+    _, report = fill_hole((np.concatenate(rings), tube(40, 4)[1]), 0, return_report=True)
+    (note,) = (note for note in report.loops[0].notes if "the area of the surface is" in note)
+    assert "vertices were moved off the surface" in note
