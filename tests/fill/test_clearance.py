@@ -95,8 +95,9 @@ def test_a_patch_that_crosses_nothing_is_not_moved(seed: int) -> None:
 
 
 def test_where_the_moves_change_the_area_the_note_says_so() -> None:
-    # over the outer border of a wavy sheet the film passes through the sheet, so that most of its vertices are moved
+    # over the outer border of a wavy sheet, whose inner one is a zigzag, the film passes through the sheet
     rings = [circle(40, radius, -0.2 * radius, bend=0.3 * radius) for radius in np.linspace(1, 1.45, 4)]
-    _, report = fill_hole((np.concatenate(rings), tube(40, 4)[1]), 0, return_report=True)
-    (note,) = (note for note in report.loops[0].notes if "the area of the surface is" in note)
+    rings[0][:, 2] += np.tile([0.1, -0.1], 20)
+    _, report = fill_hole((np.concatenate(rings), tube(40, 4)[1]), 1, return_report=True)
+    (note,) = (note for note in report.loops[1].notes if "the area of the surface is" in note)
     assert "vertices were moved off the surface" in note
