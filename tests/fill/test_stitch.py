@@ -124,7 +124,7 @@ def test_new_vertices_and_faces_come_loop_by_loop() -> None:
         for place, loop in enumerate(loops)
     ]
     extension = stitch(mesh, parts)
-    np.testing.assert_array_equal(extension.vertices, [loop.centroid for loop in loops])
+    np.testing.assert_allclose(extension.vertices, [loop.centroid for loop in loops], atol=1e-15)
     np.testing.assert_array_equal(extension.face_loops, np.repeat([0, 1], 16))
     np.testing.assert_array_equal(extension.vertex_attributes["color"], [[0, 0, 0], [1, 1, 1]])
     assert set(extension.faces[:16].ravel()) == {*range(16), 48}
