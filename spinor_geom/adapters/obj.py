@@ -216,7 +216,9 @@ class _Reader:
 
 
 class _Block:
-    """Part of an OBJ file, split into lines. One that ends with a backslash, outside a comment, is joined to the next.
+    """Part of an OBJ file, split into lines.
+
+    A line that ends with a backslash, but not with a comment or a name, is joined to the next one.
 
     Attributes:
         line_numbers: of each line in the file, from 1.
@@ -227,10 +229,11 @@ class _Block:
     def __init__(self, data: bytes, *, first_line: int) -> None:
         data += 2 * NEWLINE  # so that two letters follow the first letter of every word
         ends = np.flatnonzero(np.frombuffer(data, np.uint8) == ord(NEWLINE))
-        # comments first: one that ends with a backslash ends there, too
-        for mark, pattern in ((b"#", rb"#[^\n]*"), (b"\\", rb"\\\n")):
+        # comments first: one that ends with a backslash ends there, too, and so does a name, which may be a path
+        joined = rb"(?m)^(?![ \t]*(?:[go]|usemtl|mtllib)[ \t])(.*)\\\n"
+        for mark, pattern in ((b"#", rb"()#[^\n]*"), (b"\\", joined)):
             if mark in data:
-                data = re.sub(pattern, lambda match: b" " * len(match[0]), data)
+                data = re.sub(pattern, lambda match: match[1].ljust(len(match[0])), data)
         letters = np.array(np.frombuffer(data, np.uint8))
         is_end = letters[ends] == ord(NEWLINE)
         self.line_numbers = first_line + np.append(0, np.flatnonzero(is_end) + 1)[:-1]

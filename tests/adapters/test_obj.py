@@ -58,12 +58,15 @@ def test_forms_of_a_face(face: str, newline: str) -> None:
 
 
 @pytest.mark.parametrize("newline", ["\n", "\r\n", "\r"])
-def test_a_comment_ends_at_the_end_of_its_line(newline: str) -> None:
+def test_comments_and_names_end_at_the_end_of_their_line(newline: str) -> None:
     path = "C:\\scans\\"
     text = f"# {path}\nv 0 0 0 # {path}\nv 1 0 0\nv 0 \\\n1 0\n#\\\nf 1 2 \\\n3 # \\\\\nv 5 5 5\n"
     file = parsed(text.replace("\n", newline))
     assert file.mesh.vertices.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0], [5, 5, 5]]
     assert file.mesh.faces.tolist() == [[0, 1, 2]]
+    named = f"mtllib {path}\no {path}\nv 0 0 0\n  g {path}\nv 1 0 0\nv 0 \\\n1 0\nusemtl {path}\nf 1 \\\n2 \\\n3\n"
+    file = parsed(named.replace("\n", newline))
+    assert (file.mesh.vertices.tolist(), file.mesh.faces.tolist()) == ([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
     with pytest.raises(MeshFileError, match=r"line 4: 'x' is not a number"):
         parsed(f"# {path}\nv 0 0 0\n# {path}\nv x 0 0\n")
 
