@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Complex, Float
-from scipy.interpolate import PchipInterpolator
 
 from spinor_geom.domain.plane_domain import FourierBoundary, panel_breaks
 from spinor_geom.domain.quadrature import Panels, rule
@@ -60,7 +59,7 @@ class RimNodes:
         else:
             panels = Panels.on(boundary, _breaks(rim), _ORDER)
             z, steps = panels.z, panels.weights * panels.dz
-            s = PchipInterpolator(*_around(rim).T)(panels.t)
+            s = rim.places(panels.t)
             low, high = _ends_of_sides(rim, panels.t)
         velocity = surface.null_curve(z) * steps[:, None]
         r = _integral(velocity, panels)[0].real
@@ -108,14 +107,8 @@ def _even_places(rim: RimMatch, boundary: FourierBoundary) -> Float[np.ndarray, 
     t, s = rim.matching.T
     n = max(len(t), len(boundary.coefficients) + 1)
     if n > len(t) or np.abs(len(t) * t - np.arange(len(t))).max() > EQUAL:
-        s = PchipInterpolator(*_around(rim).T)(np.arange(n) / n)
+        s = rim.places(np.arange(n) / n)
     return np.asarray(resampled(s, n * math.ceil(_STEPS[rim.curve.degree] * len(rim.loop) / n)))
-
-
-def _around(rim: RimMatch) -> Float[np.ndarray, "k 2"]:
-    """Three periods of the matching, so that it is not extrapolated, without places that are equal up to rounding."""
-    around = np.concatenate([rim.matching - 1, rim.matching, rim.matching + 1])
-    return np.asarray(around[np.append(True, np.diff(around[:, 0]) > 0)])
 
 
 def _breaks(rim: RimMatch) -> Float[np.ndarray, " b"]:

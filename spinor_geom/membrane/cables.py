@@ -119,6 +119,9 @@ class SymmetryPlane:
     normal: ArrayLike
 
 
+LengthTerms: TypeAlias = tuple[
+    float, Float[np.ndarray, "_ 3"], Float[np.ndarray, "_ 3 _ 3"], Float[np.ndarray, "_ 3 _ 3"]
+]
 Edge: TypeAlias = Cable | Ring | SymmetryPlane | OpenCurve | ArrayLike
 
 
@@ -184,9 +187,7 @@ class CableEdge:
         second = -2 * half * chord / np.sinc(half / np.pi) * (np.cos(angle) * towards + np.sin(angle) * along)
         return np.asarray(legendre.legint(legendre.legfit(2 * x - 1, second, DEGREE - 2), scl=0.5)[1:])
 
-    def length_terms(
-        self, control: Float[np.ndarray, "k 3"]
-    ) -> tuple[float, Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3 k 3"], Float[np.ndarray, "k 3 k 3"]]:
+    def length_terms(self, control: Float[np.ndarray, "k 3"]) -> LengthTerms:
         """Length with its first and second derivative, and a form of displacements along the cable.
 
         The form is ∫ (f′)² ds less its minimum for given ends, f = X·τ. Area and length do not depend on displacements

@@ -19,7 +19,7 @@ from scipy.linalg import cho_factor, cho_solve, eigh
 from spinor_geom.errors import LoopError, OutOfTimeError, SurfaceError, require_positive, require_type
 from spinor_geom.gradients.area_hessian import boundary_form, rim_terms
 from spinor_geom.gradients.rim_nodes import RimNodes
-from spinor_geom.membrane.cables import Cable, CableEdge, Edge, Stay
+from spinor_geom.membrane.cables import Cable, CableEdge, Edge, LengthTerms, Stay
 from spinor_geom.membrane.frame import Frame
 from spinor_geom.membrane.frame_file import edges_of_arguments
 from spinor_geom.mesh.curve import ClosedCurve
@@ -152,7 +152,7 @@ def solve_membrane(
     while len(frame.crossed(frame.straight, control)):
         control = (control + frame.straight) / 2
     steps: list[float] = []
-    is_narrow, is_stable, slope, move = False, True, 0.0, np.zeros_like(control)
+    is_narrow, is_stable = False, True
     while True:
         left = time_limit - (perf_counter() - begin)
         if left <= 0:
@@ -164,22 +164,15 @@ def solve_membrane(
         is_done = _has_stalled(steps, frame.size) or (expected <= _FINAL and state.is_balanced(tensions))
         if is_done or not len(frame.unknowns) or len(steps) == _MOST_STEPS:
             break
-        ahead = float((state.gradient(tensions) * move).sum())
-        if steps and steps[-1] > _NOISE * frame.size and ahead > -slope:
-            # too far: to the minimum of a parabola along the last step
-            step, changes = move * (slope / (slope - ahead) - 1), np.zeros_like(tensions)
-        else:
-            step, changes, is_stable = state.step(tensions)
+        step, changes, is_stable = state.step(tensions)
         share = min(1.0, _LONGEST * frame.size / max(float(np.abs(step).max()), np.finfo(float).tiny))
         crossed = frame.crossed(control, control + share * step)
         if len(crossed) and (is_narrow or len(frame.crossed(control, control + share / 2 * step))):
             raise SurfaceError(_collapsed(frame, f"its edges would cross at {frame.nodes[crossed[0]].tolist()}"))
         is_narrow = len(crossed) > 0
         share = share / 2 if is_narrow else share
-        move = share * step
-        control, tensions = control + move, tensions + share * changes
-        slope = float((state.gradient(tensions) * move).sum())
-        steps.append(float(np.linalg.norm(move, axis=1).max()))
+        control, tensions = control + share * step, tensions + share * changes
+        steps.append(share * float(np.linalg.norm(step, axis=1).max()))
         if (tensions <= 0).any():
             raise SurfaceError(_collapsed(frame, "a cable would have to push"))
     if steps and not is_stable:
@@ -254,18 +247,15 @@ class _State:
     @cached_property
     def owners(self) -> list[tuple[int, bool]]:
         """The curve of the frame on which each rim lies, and whether the rim has the opposite direction."""
-        found, curves = [], self.frame.curves(self.control)
+        found, curves, s = [], self.frame.curves(self.control), np.array([0.1])
         for rim in self.film.rims:
             gaps = [
-                np.linalg.norm(curve - rim.loop.points[0], axis=1).min() if isinstance(curve, np.ndarray) else np.inf
-                for curve in curves
+                np.linalg.norm(one - rim.loop.points[0], axis=1).min() for one in curves if isinstance(one, np.ndarray)
             ]
-            own = int(np.argmin(gaps)) if min(gaps) <= 1e-9 * self.frame.size else len(self.frame.rings)
-            curve, back = curves[own], False
-            if isinstance(curve, ClosedCurve):
-                s = np.array([0.1])
-                back = not np.allclose(curve.point(s), rim.curve.point(s), rtol=0, atol=1e-6 * self.frame.size)
-            found.append((own, back))
+            own = int(np.argmin([*gaps, 1e-9 * self.frame.size]))
+            curve = curves[own]
+            away = curve.point(s) - rim.curve.point(s) if isinstance(curve, ClosedCurve) else np.zeros(3)
+            found.append((own, bool(np.linalg.norm(away) > 1e-6 * self.frame.size)))
         return found
 
     def edges_at(self, rim: int, s: Float[np.ndarray, " k"]) -> tuple[Int[np.ndarray, " k"], Float[np.ndarray, " k"]]:
@@ -301,9 +291,7 @@ class _State:
         return gradient
 
     @cached_property
-    def lengths(
-        self,
-    ) -> list[tuple[float, Float[np.ndarray, "_ 3"], Float[np.ndarray, "_ 3 _ 3"], Float[np.ndarray, "_ 3 _ 3"]]]:
+    def lengths(self) -> list[LengthTerms]:
         """`length_terms` of each cable."""
         frame = self.frame
         return [one.length_terms(self.control[at]) for one, at in zip(frame.cables, frame.controls, strict=True)]
@@ -321,11 +309,10 @@ class _State:
                 for one, matrix in ((piece.slopes / speed[piece.here], turned), (piece.values, bent)):
                     pairs = np.einsum("kj,kab->kajb", piece.values, matrix[piece.here]).reshape(len(one), -1)
                     form[np.ix_(at, _XYZ, at, _XYZ)] += (one.T @ pairs).reshape(size, 3, size, 3)
-            t, s = np.concatenate([rim.matching - 1, rim.matching, rim.matching + 1]).T
             normals = film.array_surface.normal(boundary.vertices)
             normals = np.where(np.isfinite(normals), normals, 0)
             u = np.zeros((len(normals), count, 3))
-            for piece in self.pieces(number, np.interp(boundary.parameters[:-1], t, s)):
+            for piece in self.pieces(number, rim.places(boundary.parameters[:-1])):
                 u[np.ix_(piece.here, piece.at)] = piece.values[:, :, None] * normals[piece.here, None]
             jacobi.append(u.reshape(len(u), -1))
         form += boundary_form(film.array_surface, domain.triangulation, np.concatenate(jacobi)).reshape(form.shape)

@@ -85,6 +85,12 @@ class RimMatch:
         inwards = 1j * velocity / np.abs(velocity)
         return np.asarray(self.boundary.point(t) + share * (1 - share) * length * inwards)
 
+    def places(self, t: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Parameters of Γ that correspond to ∂Ω at t, −1 < t < 2."""
+        # three periods, so that the places are not extrapolated. Equal t are one knot
+        around = np.concatenate([self.matching - 1, self.matching, self.matching + 1])
+        return np.asarray(PchipInterpolator(*around[np.append(True, np.diff(around[:, 0]) > 0)].T)(t))
+
     def parameters(self, at: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Parameters on ∂Ω that correspond to Γ(s), −1 < s < 2."""
         t, s = self.matching.T

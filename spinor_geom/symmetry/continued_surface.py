@@ -90,39 +90,23 @@ class ContinuedSurface:
         piece = self.solution.to_nurbs(tolerance=tolerance, time_limit=time_limit)
         if piece.trims:
             raise OptionError("the surface is plane: continue its outline instead, and solve over the result")
-        on_rims = [side for rim in piece.rims for side in rim]
         nets = [patch.control_points.copy() for patch in piece.patches]
-        for patch, side in on_rims:
+        for patch, side in (one for rim in piece.rims for one in rim):
             nets[patch][on_side(side)] = self._on_sides(nets[patch][on_side(side)])
-        patches: list[NurbsPatch] = []
-        seams: list[Seam] = []
-        rims: list[list[tuple[int, int]]] = []
-        images = [self.copies.points(net) for net in nets]
-        for copy, is_odd in enumerate(self.copies.odd.tolist()):
-            first, number = len(patches), _TRANSPOSED if is_odd else (0, 1, 2, 3)
-            for given, image in zip(piece.patches, images, strict=True):
-                own = replace(given, control_points=image[copy])
-                patches.append(_transposed(own) if is_odd else own)
-            seams += [
-                replace(
-                    seam,
-                    first=(first + seam.first[0], number[seam.first[1]]),
-                    second=(first + seam.second[0], number[seam.second[1]]),
-                )
-                for seam in piece.seams
-            ]
-            for rim in piece.rims:
-                own_rim = [(first + patch, number[side]) for patch, side in rim]
-                rims.append(own_rim[::-1] if is_odd else own_rim)
-        _share_points(patches, [side for rim in rims for side in rim], _SAME * self.solution.diagonal)
-        joined = _joined_sides(patches, [side for rim in rims for side in rim])
-        angle = largest_angle(patches, joined, [(_ALONG, _ALONG)] * len(patches))
+        images, odd = [self.copies.points(net) for net in nets], self.copies.odd.tolist()
+        patches = [
+            _transposed(given, image[copy]) if is_odd else replace(given, control_points=image[copy])
+            for copy, is_odd in enumerate(odd)
+            for given, image in zip(piece.patches, images, strict=True)
+        ]
+        seams, rims = _joined(patches, _SAME * self.solution.diagonal)
+        angle = largest_angle(patches, seams, [(_ALONG, _ALONG)] * len(patches))
         return replace(
             piece,
             deviations=replace(piece.deviations, normals=max(angle, piece.deviations.normals)),
             patches=tuple(patches),
-            seams=(*seams, *joined),
-            rims=_outer_rims(patches, rims, joined),
+            seams=seams,
+            rims=rims,
         )
 
     def _mesh(self, target_edge_length: float | Literal["auto"]) -> tuple[TriangleMesh, Float[np.ndarray, "v 3"]]:
@@ -213,61 +197,46 @@ def _require_apart(
         )
 
 
-def _transposed(patch: NurbsPatch) -> NurbsPatch:
-    """The patch with u and v exchanged, which turns its normal."""
-    u, v = patch.knots
-    return NurbsPatch(
-        control_points=patch.control_points.transpose(1, 0, 2).copy(), weights=patch.weights.T, knots=(v, u)
-    )
+def _transposed(patch: NurbsPatch, net: Float[np.ndarray, "n m 3"]) -> NurbsPatch:
+    """A patch of other control points with u and v exchanged, which turns its normal."""
+    return NurbsPatch(control_points=net.transpose(1, 0, 2).copy(), weights=patch.weights.T, knots=patch.knots[::-1])
 
 
-def _share_points(patches: Sequence[NurbsPatch], sides: Sequence[tuple[int, int]], within: float) -> None:
-    """Makes control points on sides that nearly coincide equal, bit for bit."""
+def _joined(
+    patches: Sequence[NurbsPatch], within: float
+) -> tuple[tuple[Seam, ...], tuple[tuple[tuple[int, int], ...], ...]]:
+    """The seams between sides whose control points nearly coincide, and the other sides in closed chains.
+
+    The control points are made equal, bit for bit.
+    """
+    sides = list(product(range(len(patches)), range(4)))
     rows = [patches[patch].control_points[on_side(side)] for patch, side in sides]
     points = np.concatenate(rows)
     pairs = cKDTree(points).query_pairs(within, output_type="ndarray")
     _, first, group = np.unique(linked(pairs, len(points)), return_index=True, return_inverse=True)
-    shared = points[first[group]]
-    for (patch, side), row in zip(sides, np.split(shared, np.cumsum([len(row) for row in rows])[:-1]), strict=True):
-        patches[patch].control_points[on_side(side)] = row
-
-
-def _joined_sides(patches: Sequence[NurbsPatch], sides: Sequence[tuple[int, int]]) -> list[Seam]:
-    """The seams between sides with equal control points."""
-    known: dict[bytes, tuple[int, int]] = {}
+    known: dict[tuple[int, ...], tuple[int, int]] = {}
     seams = []
-    for patch, side in sides:
-        row = np.ascontiguousarray(patches[patch].control_points[on_side(side)])
-        ahead, back = row.tobytes(), np.ascontiguousarray(row[::-1]).tobytes()
+    for (patch, side), row in zip(sides, np.split(group, np.cumsum([len(row) for row in rows])[:-1]), strict=True):
+        patches[patch].control_points[on_side(side)] = points[first[row]]
+        ahead, back = tuple(row.tolist()), tuple(row[::-1].tolist())
         if ahead in known or back in known:
             is_reversed = ahead not in known
             other = known.pop(back if is_reversed else ahead)
             seams.append(Seam(first=other, second=(patch, side), reversed=is_reversed))
-        else:
+        elif len(set(ahead)) > 1:  # sides of triangles may be points
             known[ahead] = (patch, side)
-    return seams
-
-
-def _outer_rims(
-    patches: Sequence[NurbsPatch], rims: Sequence[Sequence[tuple[int, int]]], joined: Sequence[Seam]
-) -> tuple[tuple[tuple[int, int], ...], ...]:
-    """The sides on rims that are no seams, in closed chains in the direction of the rims."""
-    inner = {side for seam in joined for side in (seam.first, seam.second)}
-    left: dict[bytes, list[tuple[int, int]]] = {}
-    ends: dict[tuple[int, int], bytes] = {}
-    for patch, side in (one for rim in rims for one in rim if one not in inner):
-        row = patches[patch].control_points[on_side(side)]
-        start, end = (row[0], row[-1]) if side < 2 else (row[-1], row[0])
-        left.setdefault(start.tobytes(), []).append((patch, side))
-        ends[patch, side] = end.tobytes()
+    left: dict[int, list[tuple[tuple[int, int], int]]] = {}
+    for ids, own in known.items():
+        start, end = (ids[0], ids[-1]) if own[1] < 2 else (ids[-1], ids[0])
+        left.setdefault(start, []).append((own, end))
     chains = []
     while left:
-        at = next(iter(left))
-        chain: list[tuple[int, int]] = []
+        at, chain = next(iter(left)), []
         while at in left:
-            chain.append(left[at].pop())
-            if not left[at]:
-                del left[at]
-            at = ends[chain[-1]]
+            ahead_of, at_start = left[at], at
+            own, at = ahead_of.pop()
+            chain.append(own)
+            if not ahead_of:
+                del left[at_start]
         chains.append(tuple(chain))
-    return tuple(chains)
+    return tuple(seams), tuple(chains)
