@@ -15,7 +15,7 @@ from jaxtyping import Float
 
 from spinor_geom.adapters.cad_objects import cad_object
 from spinor_geom.adapters.open_cascade import Unit, plane_shell, require_cad_suffix, sewn_shell, write_shape
-from spinor_geom.deadline import is_out_of_time, seconds_left
+from spinor_geom.deadline import is_out_of_time, seconds_left, time_limit
 from spinor_geom.errors import DomainError, OptionError, OutOfTimeError, require_positive
 from spinor_geom.mesh.boundary_loop import diagonals
 from spinor_geom.mesh.rational_splines import NurbsCurve, NurbsPatch, homogeneous, on_side
@@ -271,7 +271,8 @@ def _within(solution: PlateauSolution, allowed: float) -> PlateauSolution:
             break
         tolerance *= _BELOW / missed
         try:
-            again = solve(tolerance)
+            with time_limit(seconds_left() / 2):  # the rest is for the patches
+                again = solve(tolerance)
         except (*FAILURES, OutOfTimeError):
             break
         if isinstance(again, NoConnectedSurface) or abs(again.area - solution.area) > _SAME_AREA * solution.area:

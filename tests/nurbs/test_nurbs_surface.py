@@ -11,7 +11,8 @@ import pytest
 
 import spinor_geom
 from spinor_geom import gallery
-from spinor_geom.errors import CadFileError, DomainError, OptionError
+from spinor_geom.deadline import seconds_left
+from spinor_geom.errors import CadFileError, DomainError, OptionError, OutOfTimeError
 from spinor_geom.gallery import curves, surfaces
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.rational_splines import NurbsPatch
@@ -161,6 +162,19 @@ def test_a_solve_is_continued_to_the_tolerance_of_patches() -> None:
     missed = solution.boundary_residual
     assert missed.max > 1e-6 * missed.diagonal
     assert pickle.loads(pickle.dumps(solution)).to_nurbs(tolerance=1e-6).converged
+
+
+def test_a_solve_that_is_continued_leaves_half_of_the_time_for_the_patches() -> None:
+    left = []
+
+    def solved_to(tolerance: float) -> PlateauSolution:
+        left.append(seconds_left())
+        raise OutOfTimeError
+
+    solution = replace(spinor_geom.solve_plateau(gallery.random_curve(26)), solved_to=solved_to)
+    surface = solution.to_nurbs(time_limit=1000)
+    assert 400 < left[0] <= 500
+    assert "the rims are moved by the boundary residual" in surface.reason
 
 
 def test_surfaces_far_from_their_curve_are_reported() -> None:
