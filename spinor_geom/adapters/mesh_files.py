@@ -223,7 +223,7 @@ class MeshFile(Shown):
             if appearance.names:
                 named.notes.append("the files that it refers to are not copied: its folder is not known")
         else:
-            named = Companions.of(self.path.parent, appearance.names)
+            named = Companions.of(self.path.parent, appearance)
         if follows:
             return notes + named.notes, named.files, None
         texture = appearance.texture or named.texture
@@ -247,7 +247,7 @@ class MeshFile(Shown):
         contents, appearance = self.contents.split(), self.contents.appearance
         if appearance is None or contents.attributes.get("uv", np.zeros((0, 0))).shape[1] < 2:
             return None
-        named = Companions.of(Path() if self.path is None else self.path.parent, appearance.names)
+        named = Companions.of(Path() if self.path is None else self.path.parent, appearance)
         texture = appearance.texture or named.texture
         if texture is None:
             if not named.colours and not appearance.has_several:

@@ -74,7 +74,11 @@ def read_obj(data: bytes) -> FileContents:
     ending = (not text.endswith(NEWLINE)) + text[-2:].rstrip().endswith(b"\\")
     contents = reader.contents(data, newline.decode("ascii"), ending)
     names = _library_names(text)
-    return replace(contents, appearance=Appearance(names=names)) if names else contents
+    if not names:
+        return contents
+    uses = (match[1].decode("utf-8", "replace") for match in USE_LINE.finditer(text))
+    materials = tuple(dict.fromkeys(line.removeprefix("usemtl").strip() for line in uses))
+    return replace(contents, appearance=Appearance(names=names, materials=materials))
 
 
 def _library_names(text: bytes) -> tuple[str, ...]:

@@ -11,7 +11,6 @@ import os
 import re
 import stat
 import warnings
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, TypeAlias
@@ -37,8 +36,7 @@ _IMAGE = re.compile(
     r"(map_\w+|bump|disp|decal|refl|norm)\s+((?:-\w+\s+(?:(?:on|off|[rgbmlz]|sphere|cube_\w+|[-+.\d]+(?:e[-+]?\d+)?)\s+)*)*)(.+)",
     re.IGNORECASE,
 )
-_COLOUR_IMAGE, _LINES = "map_kd", re.MULTILINE | re.IGNORECASE
-_HAS_IMAGE = re.compile(r"^\s*map_kd\s", _LINES)
+_COLOUR_IMAGE, _MATERIAL = "map_kd", re.compile(r"newmtl\s+(.+)", re.IGNORECASE)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -92,6 +90,7 @@ class Appearance:
     """What a mesh file says about materials: files that it refers to, or the only texture, which is inside."""
 
     names: tuple[str, ...] = ()
+    materials: tuple[str, ...] = ()  # of the libraries, those that the mesh uses; empty: all
     texture: Texture | None = None
     has_several: bool = False  # whether textures are inside that no other format of ours holds
     others: tuple[str, ...] = ()  # properties of the materials besides the texture
@@ -109,8 +108,9 @@ class Companions:
     others: set[str] = field(default_factory=set)  # properties of the materials besides images of colours
 
     @classmethod
-    def of(cls, folder: Path, names: Iterable[str]) -> Companions:
-        """The material libraries and images of these names in a folder, and the images that the libraries name."""
+    def of(cls, folder: Path, appearance: Appearance) -> Companions:
+        """The material libraries and images that a mesh file in a folder names, and those that the libraries name."""
+        names, materials = appearance.names, appearance.materials
         found = cls(folder=folder)
         for name in names:
             found._add(name, (LIBRARY, *IMAGES))
@@ -119,18 +119,22 @@ class Companions:
         for library in [name for name in found.files if name.lower().endswith(LIBRARY)]:
             inside = PurePosixPath(library).parent
             text = found.files[library].decode("utf-8", "replace")
-            for material in re.split(r"^\s*newmtl\s+(?=\S)", text, flags=_LINES)[1:]:
-                if not _HAS_IMAGE.search(material):
-                    found.others.add(f"the colour of {material.split(maxsplit=1)[0]}")
-            for line in text.splitlines():
-                if match := _IMAGE.fullmatch(line.strip()):
+            material, plain = "", set[str]()
+            for line in map(str.strip, text.splitlines()):
+                is_used = not materials or material in materials
+                if match := _MATERIAL.fullmatch(line):
+                    material = match[1]
+                    plain |= {material} if not materials else {material} & {*materials}
+                elif match := _IMAGE.fullmatch(line):
                     image = str(inside / _slashes(match[3]))
                     found._add(image, IMAGES)
-                    if match[1].lower() == _COLOUR_IMAGE:
+                    if match[1].lower() != _COLOUR_IMAGE:
+                        found.others |= {match[1]} if is_used else set()
+                    elif is_used:
                         found.colours.add(image)
                         found.others |= {match[2].strip()} - {""}
-                    else:
-                        found.others.add(match[1])
+                        plain.discard(material)
+            found.others |= {f"the colour of {name}" for name in plain}
         return found
 
     @property

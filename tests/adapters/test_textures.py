@@ -114,7 +114,7 @@ def test_what_is_lost_is_told(tmp_path: Path) -> None:
         ("newmtl skin\nmap_Kd maps/skin.png\n", None),
         ("newmtl skin\nmap_Kd -s 2 2 1 maps/skin.png\n", "not -s 2 2 1"),
         ("newmtl skin\nmap_Kd maps/skin.png\nmap_Bump -bm 0.5 maps/bumps.png\n", "not map_Bump"),
-        ("newmtl skin\nmap_Kd maps/skin.png\nnewmtl red paint\nKd 1 0 0\n", "not the colour of red"),
+        ("newmtl skin\nmap_Kd maps/skin.png\nnewmtl red paint\nKd 1 0 0\n", "not the colour of red paint"),
         (
             "newmtl skin\nmap_Kd maps/skin.png\n" + "".join(f"newmtl m{k}\n" for k in range(7)),
             "m0, the colour of m1, the colour of m2, the colour of m3, the colour of m4, and 2 more",
@@ -123,6 +123,7 @@ def test_what_is_lost_is_told(tmp_path: Path) -> None:
 )
 def test_what_materials_have_besides_an_image_is_told(library: str, lost: str | None, tmp_path: Path) -> None:
     source = textured(tmp_path / "in")
+    source.write_text(source.read_text().replace("usemtl skin\n", ""))
     (source.parent / "skin.mtl").write_text(library)
     for suffix in (".glb", ".ply"):
         notes = read_mesh(source).write(tmp_path / f"mesh{suffix}")
@@ -130,6 +131,17 @@ def test_what_materials_have_besides_an_image_is_told(library: str, lost: str | 
         assert lost is None or lost in notes[0]
         assert read_mesh(tmp_path / f"mesh{suffix}").textured(8) is not None
     assert read_mesh(source).write(tmp_path / "same.obj")[1:] == ()
+
+
+def test_materials_that_the_mesh_does_not_use_do_not_count(tmp_path: Path) -> None:
+    source = textured(tmp_path / "in")
+    (source.parent / "other.png").write_bytes(png(2, 2))
+    text = (source.parent / "skin.mtl").read_text()
+    (source.parent / "skin.mtl").write_text(f"{text}newmtl other\nmap_Kd -s 2 2 other.png\nmap_d x.png\nnewmtl plain\n")
+    assert read_mesh(source).write(tmp_path / "mesh.glb") == ()
+    assert read_mesh(tmp_path / "mesh.glb").textured(8) is not None
+    read_mesh(source).write(tmp_path / "mesh.obj")
+    assert (tmp_path / "other.png").is_file()
 
 
 @pytest.mark.parametrize("quote", ["", '"'])
@@ -314,7 +326,8 @@ def test_no_image_and_images_that_would_fill_the_memory_are_not_shown() -> None:
 def test_a_texture_that_is_not_shown_is_told(
     image: bytes | None, library: str, told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (tmp_path / "cube.obj").write_text(f"mtllib skin.mtl\n{CUBE}")
+    both = CUBE.replace("f 3/3", "usemtl other\nf 3/3")
+    (tmp_path / "cube.obj").write_text(f"mtllib skin.mtl\n{both}")
     (tmp_path / "skin.mtl").write_text(f"newmtl skin\n{library}\n")
     if image is not None:
         (tmp_path / "skin.png").write_bytes(image)
