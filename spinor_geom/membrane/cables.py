@@ -21,7 +21,6 @@ from spinor_geom.mesh.interpolation import gauss_nodes
 from spinor_geom.mesh.open_curve import OpenCurve
 
 DEGREE = 16  # of the polynomials of a cable
-_TURN_SAMPLES = 1000  # of a fixed edge for its total curvature
 _QUADRATURE = 48  # Gauss-Legendre nodes for its length
 _HALF_ANGLES = np.linspace(1e-3, np.pi - 1e-3, 3000)  # of arcs, for their lengths per chord
 
@@ -227,10 +226,3 @@ class FixedEdge:
     def point(self, x: Float[np.ndarray, " n"], order: int = 0) -> Float[np.ndarray, "n 3"]:
         """c(x), or a derivative."""
         return np.asarray(self._spline(x, nu=order))
-
-    @property
-    def total_curvature(self) -> float:
-        """The angle by which its direction turns in all."""
-        along = self.point(np.linspace(0, 1, _TURN_SAMPLES), 1)
-        along /= np.linalg.norm(along, axis=1, keepdims=True)
-        return float(np.linalg.norm(np.diff(along, axis=0), axis=1).sum())

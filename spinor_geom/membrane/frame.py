@@ -230,21 +230,6 @@ class Frame:
         old, new = (np.cross(*pair) for pair in pairs)
         return np.flatnonzero(((old * new).sum(axis=1) < 0) & ((pairs[1][0] * pairs[1][1]).sum(axis=1) > 0))
 
-    @property
-    def turns(self) -> float:
-        """A lower bound of the total turn of the cables less that of the fixed edges.
-
-        By the theorem of Gauss and Bonnet, where the Gauss curvature of a film is not positive, its angles at n corners
-        are 0 if this is π (n − 2), and negative beyond.
-        """
-        total = 0.0
-        for k, own in enumerate(self.edges):
-            if isinstance(own, FixedEdge):
-                total -= own.total_curvature
-            elif not self.is_free[[k, (k + 1) % len(self.edges)]].any():
-                total += own.cable.chord / (own.cable.tension or np.inf)
-        return total
-
     @cached_property
     def starts(self) -> Float[np.ndarray, " n1"]:
         """Parameters of Γ at the corners, in proportion to the chords of the edges."""

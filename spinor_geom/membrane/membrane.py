@@ -146,8 +146,6 @@ def solve_membrane(
     require_positive("tolerance", tolerance)
     require_positive("time_limit", time_limit, finite=False)
     frame, begin = Frame.of(edges_of_arguments(edges)), perf_counter()
-    if not frame.rings and frame.turns >= np.pi * (len(frame.edges) - 2):
-        raise SurfaceError(_collapsed(frame, "its cables would turn by more than its corners leave room for"))
     control, tensions = frame.start, np.array([one.first_tension for one in frame.cables], dtype=np.float64)
     while len(frame.crossed(frame.straight, control)):
         control = (control + frame.straight) / 2
