@@ -32,7 +32,7 @@ from tests.plateau.rims import polygon, ring, sampled
 
 SQUARE = np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]])
 # a square of side 20 and four circles of radius 2.5 above it: the height, and the area by a prototype with symmetry
-AREA_OF_LUNES = 3.097286  # with 14 and 20 modes of a slide the same to 4e-7
+AREA_OF_LUNES = 3.09728481  # with 20, 28 and 40 modes of a slide, and with 10 to 32 powers a side, the same to 2e-9
 ROOFS = {4.0: 438.210141, 5.0: 484.810576}
 
 
@@ -145,7 +145,8 @@ def test_a_roof_keeps_its_corners():
 
 
 @pytest.mark.slow
-def test_lunes_with_narrow_gaps():
+@pytest.mark.parametrize(("tolerance", "residual"), [(1e-3, 2e-4), (1e-6, 3e-6)])
+def test_lunes_with_narrow_gaps(tolerance, residual):
     # the film leaves the corners outwards; the area is that of the harmonic surface
     tips = np.array([[0.2, 0, 0.98], [0.2, 0, -0.98]])
     loops = []
@@ -155,10 +156,9 @@ def test_lunes_with_narrow_gaps():
         turn = np.radians(120 * k)
         rotation = np.array([[np.cos(turn), np.sin(turn), 0], [-np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
         loops.append(BoundaryLoop.from_points(np.concatenate(halves) @ rotation, corners=[0, 16]))
-    solution = solve_plateau(loops)
-    assert solution.converged
-    assert solution.boundary_residual.rms_per_edge < 5e-4
-    assert solution.area == pytest.approx(AREA_OF_LUNES, rel=1e-6)
+    solution = solve_plateau(loops, tolerance=tolerance)
+    assert solution.boundary_residual.rms_per_edge < residual
+    assert solution.area == pytest.approx(AREA_OF_LUNES, rel=1e-7)
 
 
 @pytest.mark.slow
@@ -176,7 +176,9 @@ def test_tetrahedron_with_narrow_gaps():
         loops.append(BoundaryLoop.from_points(np.concatenate(list(sides)), corners=[0, 6, 12]))
     solution = solve_plateau(loops)
     assert solution.converged
-    assert solution.boundary_residual.rms_per_edge < 5e-4
+    assert solution.boundary_residual.rms_per_edge < 1e-4
+    # with 28 modes of a slide and 16 powers a side
+    assert solution.area == pytest.approx(1.56022147, rel=2e-7)
 
 
 def _at(degrees):

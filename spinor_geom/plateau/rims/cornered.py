@@ -26,10 +26,7 @@ from spinor_geom.holomorphic.circular_domain import turned
 from spinor_geom.plateau.rims.circles import Circles
 from spinor_geom.plateau.rims.sides import CorneredRims, Resolution, Side
 
-# Least square of a function's part independent of the others, over its own: others are dropped. With 1e-14 errors of
-# the quadrature count, and the energy is not smooth.
-_DEPENDENT = 1e-12
-_NEAR = 3e-3  # share of a side near a corner: poles reach farther
+_NEAR = 0.02, 0.05  # shares of a side near a corner, between which slides show the angle of the surface there
 _CONTINUED = 1e-2  # least share of a side from which slides are fitted at a corner whose angle was wrong
 _ROUNDED = 1e-8  # shares of a side that are not used when Ω is mapped
 _SMOOTHING = 0.8  # factor of each power in holomorphic fields through the corners, so that low powers prevail
@@ -133,7 +130,7 @@ class CornerForm:
         gram = values.T @ normals
         size = np.sqrt(np.abs(np.diag(gram)))
         gram = (gram + gram.T) / (2 * size * size[:, None])
-        factor, order, rank, _ = dpstrf(gram, tol=_DEPENDENT, lower=1)
+        factor, order, rank, _ = dpstrf(gram, tol=self.rims.resolution.dependent, lower=1)
         kept = order[:rank] - 1
         return _Galerkin(
             normals=normals[:, kept] / size[kept],
@@ -225,21 +222,27 @@ class CorneredSurface:
         """φ = 2∂X/∂z in Ω."""
         return np.asarray(self.form.functions(z)[1] @ self.coefficients)
 
-    def defects_at_corners(self) -> Float[np.ndarray, " c"]:
-        """Largest |φ·φ|/|φ|² near each corner: the surface is conformal there if the assumed angle is right."""
-        rims = self.form.rims
-        phi = self.form.at_nodes[1] @ self.coefficients
-        defects = np.abs((phi * phi).sum(1)) / (np.abs(phi) ** 2).sum(1)
-        largest = np.zeros(rims.corners)
-        for side, rows in zip(rims.sides, rims.rows, strict=True):
-            for corner, share in zip(side.corners or (), side.shares, strict=False):
-                largest[corner] = max(largest[corner], np.median(defects[rows][abs(np.log10(share / _NEAR)) < 0.5]))
-        return largest
+    @property
+    def _angles(self) -> Float[np.ndarray, " c"]:
+        """Angles of the surface at the corners, over π: of those of Γ and the rest of a full turn the more probable.
 
-    def refitted(self, exponents: Float[np.ndarray, " c"], resolution: Resolution) -> CorneredSurface:
-        """The surface with other angles at corners, over π, another resolution, and modes for gaps between circles."""
+        It is on the same side of 1 as d log s/d log u beside the corner.
+        """
+        rims = self.form.rims
+        powers, shares = np.zeros(rims.corners), np.array(_NEAR)
+        near = np.stack([np.concatenate([shares, 1 - shares]), np.concatenate([1 - shares, shares])])
+        for side, columns in zip(rims.sides, rims.columns, strict=True):
+            if side.corners is not None:
+                sums = side.base(near) + side.modes(near) @ self.slides[columns]
+                steps = np.diff(sums.reshape(2, 2)).ravel() / np.diff(np.log(near[0] / near[1]).reshape(2, 2)).ravel()
+                np.add.at(powers, list(side.corners), steps / 2)
+        given = rims.exponents
+        return np.where((powers > 1) == (given > 1), given, 2 - given)
+
+    def refitted(self, resolution: Resolution) -> CorneredSurface:
+        """The surface with probable angles at corners, another resolution, and modes for gaps between circles."""
         form, old = self.form, self.form.rims
-        rims = old.adapted(exponents, resolution, form.circles.places)
+        rims = old.adapted(self._angles, resolution, form.circles.places)
         slides = np.empty(rims.columns[-1].stop)
         sides = zip(old.sides, rims.sides, old.columns, rims.columns, strict=True)
         for before, after, given, columns in sides:

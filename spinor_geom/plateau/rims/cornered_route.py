@@ -34,10 +34,9 @@ from spinor_geom.plateau.rims.starts import OrientedSurface
 from spinor_geom.plateau.route_result import FAILURES, RimsResult, RouteResult, typed_failures
 from spinor_geom.plateau.steps import SPENT
 
-_FREQUENCIES = 10, 96  # least and largest number of frequencies of a rim without corners
+_FREQUENCIES = 20, 96  # least and largest number of frequencies of a rim without corners
 _SPECTRUM = 1e-7  # share of the amplitude of Γ above the frequencies of the slide, which has half of them
 _SAMPLES = 256  # of Γ for its spectrum
-_DOUBTFUL = 0.3  # |φ·φ|/|φ|² near a corner above which the rest of a full turn is tried as its angle
 # Modes of the start's slides that are fitted to nodes, and the least share of a side between these and its ends
 _START_MODES, _INSIDE = 3, 0.02
 
@@ -54,19 +53,13 @@ def solve_with_corners(problem: PlateauProblem, oriented: OrientedSurface) -> Ro
     start = _Start.of(problem, oriented)
     with problem.clock.stage("slides"):
         surface = stationary(start.surface, problem.steps, ROUGHLY)
-        surface = stationary(surface.refitted(start.exponents, COARSE), problem.steps, ROUGHLY)
-        exponents, defects = start.exponents, surface.defects_at_corners()
-        if (defects > _DOUBTFUL).any():
-            other = np.where(defects > _DOUBTFUL, 2 - exponents, exponents)
-            turned = stationary(surface.refitted(other, COARSE), problem.steps, ROUGHLY)
-            exponents = np.where(turned.defects_at_corners() < defects, other, exponents)
-            surface = turned
-        surface = stationary(surface.refitted(exponents, ROUGH), problem.steps)
+        surface = stationary(surface.refitted(COARSE), problem.steps, ROUGHLY)
+        surface = stationary(surface.refitted(ROUGH), problem.steps)
     found, limits = _lifted(problem, start, surface), ["more poles at the corners do not reduce the residual further"]
     if problem.excess(found.misfit) > 1:
         with _improvement(limits):
             with problem.clock.stage("slides"):
-                surface = stationary(surface.refitted(surface.form.rims.exponents, FINE), problem.steps)
+                surface = stationary(surface.refitted(FINE), problem.steps)
             found = min(found, _lifted(problem, start, surface), key=lambda one: one.misfit.rms)
     if problem.excess(found.misfit) > 1:
         with _improvement(limits):

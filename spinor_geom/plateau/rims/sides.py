@@ -17,13 +17,8 @@ from jaxtyping import Float, Int
 
 from spinor_geom.plateau.curve_tensors import CurveTensors
 
-_DECAY = 4.0  # σ in the distances exp(−σ(√n − √k)) of poles from a corner
-_POWERS = 8  # powers of a circle's coordinate for each of its sides
 _LEAST_DEPTH = 7.0
 _MARGIN = 1e-13  # least distance of parameters from those of corners, because Γ′ there is that of the next side
-# Step of the trapezoid rule in log u. The field of a pole at a corner is analytic for |Im log u| < π/2, and the error
-# exp(−π²/step) is 5e-15.
-_STEP = 0.3
 # Nodes far from corners: so many steps for each unit of `Place`, because powers of the coordinate are no functions of
 # log u.
 _FAR = 7.0
@@ -38,11 +33,23 @@ class Resolution(NamedTuple):
 
     depth: float  # −log u of the last pole at a corner with α = π/2; less for larger angles
     degree: int  # of the Chebyshev polynomials of a side's slide
+    decay: float  # σ in the distances exp(−σ(√n − √k)) of poles from a corner
+    # Of the trapezoid rule in log u. The field of a pole at a corner is analytic for |Im log u| < π/2, and the error is
+    # exp(−π²/step).
+    step: float
+
+    @property
+    def dependent(self) -> float:
+        """Least square of a function's part independent of the others, over its own: others are dropped.
+
+        With 50 times less, errors of the quadrature count, and the energy is not smooth.
+        """
+        return 200 * math.exp(-(math.pi**2) / self.step)
 
 
 # The start has few modes: with many, slides far from the solution find values that few poles take for less energy.
 # Afterwards, the boundary is within 2e-4 of a side at corners of 90°, and within 5e-6.
-COARSE, ROUGH, FINE = Resolution(11.0, 6), Resolution(16.6, 14), Resolution(25.0, 28)
+COARSE, ROUGH, FINE = Resolution(11.0, 6, 5.0, 0.4), Resolution(16.6, 20, 5.0, 0.4), Resolution(25.0, 28, 4.0, 0.3)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -105,7 +112,8 @@ class Side:
         place: Place,
     ) -> Side:
         """A side between two corners."""
-        shares, weights = _nodes([_depth(exponent, resolution) + _BEYOND for exponent in exponents], place)
+        depths = [_depth(exponent, resolution) + _BEYOND for exponent in exponents]
+        shares, weights = _nodes(depths, place, resolution.step)
         return cls(
             rim=rim,
             corners=corners,
@@ -149,10 +157,9 @@ class Side:
         if self.corners is None:
             turns = 2 * np.pi * np.arange(1, self.frequencies) * shares[0, :, None]
             return np.concatenate([np.ones((len(turns), 1)), np.cos(turns), np.sin(turns)], axis=1)
-        # powers of u in s are half-integers at right angles
-        flattening = min(sum(self.exponents) / 2, 1.0)
+        # logit s is smooth in √u: powers of u in s are half-integers at right angles
         first, last = self._logarithms(shares)
-        return np.asarray(np.polynomial.chebyshev.chebvander(np.tanh(flattening * (first - last) / 2), self.degree))
+        return np.asarray(np.polynomial.chebyshev.chebvander(np.tanh((first - last) / 4), self.degree))
 
     def _logarithms(self, shares: Float[np.ndarray, "2 n"]) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
         """Logarithms of `place` from both ends, as shares, at given u and 1 − u."""
@@ -178,11 +185,13 @@ def _depth(exponent: float, resolution: Resolution) -> float:
 def cluster(exponent: float, arc: float, resolution: Resolution) -> Float[np.ndarray, " k"]:
     """Distances of the poles at a corner, down to a share of a side with a given arc."""
     depth = _depth(exponent, resolution) - min(math.log(arc), 0.0)
-    count = int((1 + depth / _DECAY) ** 2)
-    return np.exp(-_DECAY * (math.sqrt(count) - np.sqrt(np.arange(1, count + 1))))
+    count = int((1 + depth / resolution.decay) ** 2)
+    return np.exp(-resolution.decay * (math.sqrt(count) - np.sqrt(np.arange(1, count + 1))))
 
 
-def _nodes(depths: Sequence[float], place: Place) -> tuple[Float[np.ndarray, "2 n"], Float[np.ndarray, " n"]]:
+def _nodes(
+    depths: Sequence[float], place: Place, step: float
+) -> tuple[Float[np.ndarray, "2 n"], Float[np.ndarray, " n"]]:
     """Nodes u and 1 − u, and the weights of integrals over u.
 
     They are those of the trapezoid rule in x + c·place, with log u/(1 − u) = x up to the double exponential ends.
@@ -195,15 +204,15 @@ def _nodes(depths: Sequence[float], place: Place) -> tuple[Float[np.ndarray, "2 
         return shares, shares[0] * shares[1] * (1 + ends.sum(axis=0))
 
     table = np.linspace(-depths[0] - _TAIL, depths[1] + _TAIL, _TABLE)
-    steps = (table + _FAR * place(at(table)[0])[0]) / _STEP
+    steps = (table + _FAR * place(at(table)[0])[0]) / step
     wanted = np.linspace(steps[0], steps[-1], math.ceil(steps[-1] - steps[0]) + 1)
     x = np.interp(wanted, steps, table)
     for _ in range(3):  # to rounding errors
         shares, slope = at(x)
-        rate = (1 + _FAR * place.slope(shares) * slope) / _STEP
-        x = x - ((x + _FAR * place(shares)[0]) / _STEP - wanted) / rate
+        rate = (1 + _FAR * place.slope(shares) * slope) / step
+        x = x - ((x + _FAR * place(shares)[0]) / step - wanted) / rate
     shares, slope = at(x)
-    rate = (1 + _FAR * place.slope(shares) * slope) / _STEP
+    rate = (1 + _FAR * place.slope(shares) * slope) / step
     return shares, slope / rate * (wanted[1] - wanted[0])
 
 
@@ -243,7 +252,7 @@ class CorneredRims:
                 ends = float(angles[k]), float(angles[following])
                 numbers = first + k, first + following
                 sides.append(Side.between(rim, numbers, float(own[k]), length, ends, resolution, Place.even()))
-            powers.append(max(_POWERS * count, frequencies[rim]))
+            powers.append(max(count * resolution.degree // 2, frequencies[rim]))
             first += count
         rim_of_corner = np.repeat(np.arange(len(corners)), [len(own) for own in corners])
         return cls(
@@ -262,6 +271,10 @@ class CorneredRims:
         places: Callable[[Side], Place],
     ) -> CorneredRims:
         """The rims with other exponents, resolution and `Side.place`."""
+        counts = np.bincount(self.rim_of_corner, minlength=len(self.curves)).tolist()
+        powers = tuple(
+            count * resolution.degree // 2 or before for count, before in zip(counts, self.powers, strict=True)
+        )
         sides = tuple(
             side
             if side.corners is None
@@ -276,7 +289,7 @@ class CorneredRims:
             )
             for side in self.sides
         )
-        return replace(self, sides=sides, exponents=exponents, resolution=resolution)
+        return replace(self, sides=sides, exponents=exponents, resolution=resolution, powers=powers)
 
     @cached_property
     def rows(self) -> tuple[slice, ...]:
