@@ -62,7 +62,8 @@ class FileTask:
         self.filling: Filling | None = None
         self.problem = ""
         try:
-            mesh = merged(mesh_of_contents(self._curve_contents, suffix), options.merge)
+            place = None if source.member else Path(source.path)
+            mesh = merged(mesh_of_contents(self._curve_contents, suffix, path=place), options.merge)
             self._clock.lap("read")
             if len(mesh.mesh.faces) or not self.curves:
                 require_faces(mesh.mesh)

@@ -35,12 +35,19 @@ def ring_with_island() -> bytes:
     return as_obj(*together(ring, (square, np.array([[0, 1, 2], [0, 2, 3]]))))
 
 
+def textured() -> bytes:
+    """A tube with texture seams and a material."""
+    text = as_obj(*cylinder(12, 3)).replace(b"f ", b"vt 0 0\nvt 1 0\nvt 0 1\nusemtl skin\nf ", 1)
+    return b"mtllib skin.mtl\n" + re.sub(rb"f (\d+) (\d+) (\d+)", rb"f \1/1 \2/2 \3/3", text)
+
+
 SHAPES: dict[str, Callable[[], bytes]] = {
     "tube.obj": lambda: as_obj(*cylinder(16, 4)),
     "island.obj": ring_with_island,
     "eight.obj": lambda: as_obj(*collar(figure_eight(12, 0.0), [0, 0, 3])),  # both rims cross themselves
     "soup.obj": lambda: as_obj(*soup(tube(12))),
     "coloured.obj": lambda: re.sub(rb"(v .*)\n", rb"\1 1 0.5 0\n", as_obj(*cylinder(12, 3))),
+    "textured.obj": textured,
     "two\u00a0names.obj": lambda: b"o a\n" + as_obj(*cylinder(12, 3)) + b"g b\n" + b"f 1 2 3\n",
 }
 
@@ -51,6 +58,8 @@ def shapes(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("shapes")
     for name, content in SHAPES.items():
         (folder / name).write_bytes(content())
+    (folder / "skin.mtl").write_text("newmtl skin\nmap_Kd -s 2 2 skin.png\nmap_Bump gone.png\n")
+    (folder / "skin.png").write_bytes(b"an image")
     return folder
 
 
@@ -126,6 +135,9 @@ def require_same(folder: Path, output: Path, capsys: pytest.CaptureFixture[str],
             assert np.array_equal(one.faces, other.faces), where
         else:
             assert written == alone.read_bytes(), where
+        if path.stem == "textured" and "merge" not in options:  # merged vertices lose their materials, which is told
+            for folder_of_one in (folder_of_results, output):
+                assert (folder_of_one / "skin.png").read_bytes() == b"an image"
         failed = any(loop["status"] == "failed" for loop in found["loops"])
         assert found["status"] == ("done" if status == 0 else "failed" if failed else "imperfect"), where
     return statuses
