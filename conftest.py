@@ -21,8 +21,9 @@ sys.dont_write_bytecode = False
 if "PYTEST_XDIST_WORKER" in os.environ:
     os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-# the same examples in every run, so that more of them find no more, and no failure because a machine is busy
-hypothesis.settings.register_profile("repeatable", derandomize=True, deadline=None, max_examples=20)
+# the same examples in every run, and no failure because a machine is busy; CI runs twice as many
+for name, count in (("repeatable", 10), ("thorough", 20)):
+    hypothesis.settings.register_profile(name, derandomize=True, deadline=None, max_examples=count)
 hypothesis.settings.load_profile("repeatable")
 
 MAY_BE_MISSING = ("torch", "pymeshlab")  # without wheels for the latest versions of Python; never missing in CI

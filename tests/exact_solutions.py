@@ -40,10 +40,7 @@ def exact_solution(coefficients, vertices, radius=1.0, scale=1.0):
     return PlateauSolution(
         rims=(
             RimMatch(
-                loop=loop,
-                curve=curve,
-                boundary=domain.boundary,
-                matching=np.stack([t, curve.breaks[:-1]], axis=1),
+                loop=loop, curve=curve, boundary=domain.boundary, matching=np.stack([t, curve.breaks[:-1]], axis=1)
             ),
         ),
         domain=domain,

@@ -65,11 +65,7 @@ def test_one_process_does_one_job_after_the_other(process: Process) -> None:
 @pytest.mark.parametrize(
     ("job", "reason"),
     [
-        pytest.param(
-            {"signal": int(signal.SIGSEGV)},
-            "its process died by SIGSEGV: and another",
-            marks=signals,
-        ),
+        pytest.param({"signal": int(signal.SIGSEGV)}, "its process died by SIGSEGV: and another", marks=signals),
         ({"status": 3}, "its process died with status 3: and another"),
     ],
 )

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import spinor_geom
@@ -112,7 +112,6 @@ def test_new_vertices_and_faces_have_what_is_beside_them() -> None:
     assert closed.polygons[8].use_smooth
 
 
-@settings(max_examples=30)
 @given(data=st.data(), shape=meshes())
 def test_any_extension_of_any_mesh(data: st.DataObject, shape: tuple[np.ndarray, np.ndarray]) -> None:
     mesh = mesh_of(*shape)

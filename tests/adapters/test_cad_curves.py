@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from scipy.special import ellipe
 
 from spinor_geom import gallery
@@ -70,7 +70,6 @@ def test_curves_are_on_their_edges_to_rounding(shape: Any, corners: int, length:
     assert np.linalg.norm(curve.point(curve.nearest(on_edges)) - on_edges, axis=1).max() < 1e-13 * rim.length
 
 
-@settings(deadline=None, max_examples=20)
 @given(seed=SEEDS)
 def test_edges_in_any_order_and_direction_form_the_loop(seed: int) -> None:
     random = np.random.default_rng(seed)

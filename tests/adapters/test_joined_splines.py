@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from spinor_geom.adapters.cad_curves import JoinedSplines
@@ -66,7 +66,6 @@ def test_small_turns_are_joints(turn: float, corners: int) -> None:
     assert fitted.corners.sum() == corners + 1
 
 
-@settings(deadline=None, max_examples=25)
 @given(seed=SEEDS, degree=st.integers(2, 7), spans=st.integers(1, 6))
 def test_random_splines_have_unit_speed_and_pass_their_own_points(seed: int, degree: int, spans: int) -> None:
     first = random_spline(seed, degree, spans)
@@ -83,7 +82,6 @@ def test_random_splines_have_unit_speed_and_pass_their_own_points(seed: int, deg
     np.testing.assert_allclose(fitted.length(), joined.length, rtol=1e-10)
 
 
-@settings(deadline=None, max_examples=10)
 @given(motion=rigid_motions(max_shift=1e4), seed=SEEDS)
 def test_curves_move_with_their_poles(motion: RigidMotion, seed: int) -> None:
     """Far from the origin too, where coordinates have larger rounding errors."""

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import pyvista
 import trimesh
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from spinor_geom.adapters import extend, to_mesh
@@ -35,7 +35,6 @@ def require_prefix(before: Arrays, after: Arrays, rows: int) -> None:
 
 
 @pytest.mark.parametrize("kind", OBJECTS)
-@settings(max_examples=10)
 @given(data=st.data(), mesh=meshes())
 def test_all_that_an_object_holds_stays(kind: str, data: st.DataObject, mesh: tuple[np.ndarray, np.ndarray]) -> None:
     made, held, _ = OBJECTS[kind]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 
 import pytest
 
@@ -34,3 +35,12 @@ def harmful_site(tmp_path_factory: pytest.TempPathFactory) -> str:
     folder = tmp_path_factory.mktemp("harm")
     (folder / "sitecustomize.py").write_text(HARM)
     return os.pathsep.join([str(folder), os.environ["PYTHONPATH"]])
+
+
+@pytest.fixture(scope="module")
+def _found(harmful_site: str) -> Iterator[None]:
+    """Processes find the package."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPATH", harmful_site)
+        patch.setenv("OMP_NUM_THREADS", "1")
+        yield

@@ -12,7 +12,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -34,15 +34,7 @@ from tests.systems import signals
 
 PROGRAM = "import sys; from spinor_geom.cli.main import main; sys.exit(main(sys.argv[1:]))"
 CURVES = 20
-
-
-@pytest.fixture(scope="module", autouse=True)
-def found(harmful_site: str) -> Iterator[None]:
-    """Processes find the package."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PYTHONPATH", harmful_site)
-        patch.setenv("OMP_NUM_THREADS", "1")
-        yield
+pytestmark = pytest.mark.usefixtures("_found")
 
 
 @pytest.fixture(scope="module")

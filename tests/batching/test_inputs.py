@@ -17,7 +17,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from spinor_geom.batching.archives import ArchiveReader, Member, members
@@ -372,7 +372,6 @@ def test_every_truncated_archive_is_a_problem(tmp_path: Path, suffix: str) -> No
 CHARACTERS = 'aA.~%2F \\:*?"<>|\0\n\r\x7f\u00e9\u0301\u2028\U0001f600'
 
 
-@settings(max_examples=20)
 @given(st.lists(st.lists(st.text(CHARACTERS, min_size=1, max_size=8), min_size=1, max_size=4), min_size=2, max_size=6))
 def test_names_are_harmless_and_different_names_stay_different(names: list[list[str]]) -> None:
     # a part of an input's name has no separator

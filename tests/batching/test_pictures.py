@@ -6,7 +6,6 @@ import html
 import os
 import re
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -21,15 +20,8 @@ from tests.batching.files import circle, curve_text, holed_text, packed_zip, rec
 from tests.browser import browser, visit
 from tests.fill.shapes import tube
 
+pytestmark = pytest.mark.usefixtures("_found")
 ODD = "x 'q' & <b>#?%é.obj"
-
-
-@pytest.fixture(scope="module", autouse=True)
-def found(harmful_site: str) -> Iterator[None]:
-    """Processes find the package."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PYTHONPATH", harmful_site)
-        yield
 
 
 @pytest.fixture(scope="module")

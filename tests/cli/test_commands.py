@@ -278,13 +278,6 @@ def test_merge_takes_no_folder_of_dots_and_digits_for_a_number(folder: str) -> N
     assert (arguments.merge, arguments.inputs) == (True, [folder])
 
 
-def test_loops_lists_them_for_a_pipe(mesh_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["loops", str(mesh_path)]) == 0
-    header, *rows = capsys.readouterr().out.splitlines()
-    assert header.split("\t")[:3] == ["loop", "points", "perimeter"]
-    assert [row.split("\t")[:2] for row in rows] == [["0", "16"], ["1", "16"]]
-
-
 @pytest.mark.parametrize(("columns", "continuity"), [(30, "C0"), (50, "C0"), (80, "C0"), (80, "C1")])
 def test_a_narrow_table_of_a_fill_has_whole_numbers(
     columns: int, continuity: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -303,7 +296,13 @@ def test_a_narrow_table_of_a_fill_has_whole_numbers(
         assert max(map(len, plain.splitlines())) <= 80
 
 
-def test_loops_as_json_are_those_of_boundary_loops(mesh_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_loops_in_a_pipe_and_as_json_are_those_of_boundary_loops(
+    mesh_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["loops", str(mesh_path)]) == 0
+    header, *rows = capsys.readouterr().out.splitlines()
+    assert header.split("\t")[:3] == ["loop", "points", "perimeter"]
+    assert [row.split("\t")[:2] for row in rows] == [["0", "16"], ["1", "16"]]
     assert main(["loops", str(mesh_path), "--json"]) == 0
     entries = json.loads(capsys.readouterr().out)
     for entry, loop in zip(entries, boundary_loops(mesh_path), strict=True):

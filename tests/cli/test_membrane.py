@@ -9,10 +9,7 @@ import pytest
 from spinor_geom.adapters import read_mesh
 from spinor_geom.cli.main import main
 
-SIDES = [
-    {"cable": [[0, 0, 0], [1, 0, 0]], "tension": 1.5},
-    {"cable": [[1, 0, 0], [1, 1, 0]], "tension": 1.5},
-]
+SIDES = [{"cable": [[0, 0, 0], [1, 0, 0]], "tension": 1.5}, {"cable": [[1, 0, 0], [1, 1, 0]], "tension": 1.5}]
 DIAGONAL = {"symmetric": [[0, 0, 0], [1, -1, 0]]}
 HALF = np.arcsin(1 / 3)
 

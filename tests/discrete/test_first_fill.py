@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from spinor_geom.discrete import first_fill
@@ -35,7 +35,6 @@ def area(points, triangles):
     return np.linalg.norm(np.cross(points[j] - points[i], points[k] - points[i]), axis=1).sum() / 2
 
 
-@settings(max_examples=25)
 @given(n=st.integers(3, 8), seed=SEEDS)
 def test_minimum_area_equals_that_of_all_triangulations_tried(n, seed):
     points = np.random.default_rng(seed).normal(size=(n, 3))
@@ -48,7 +47,6 @@ def test_minimum_area_equals_that_of_all_triangulations_tried(n, seed):
     assert areas.min() - 1e-12 <= area(points, found) <= areas.min() + 1e-4 * sides
 
 
-@settings(max_examples=15)
 @given(points=rough_loops(max_points=80))
 def test_triangulation_is_a_disk_without_inner_vertices(points):
     triangles = minimum_area_triangulation(points)

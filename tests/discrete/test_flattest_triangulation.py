@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from spinor_geom.discrete.flattest_triangulation import FlattestTriangulation
@@ -25,7 +25,6 @@ def flattest(points, around=None, chords=(), charges=None):
     return triangulation, triangulation.triangles()
 
 
-@settings(max_examples=20)
 @given(n=st.integers(3, 8), share=st.floats(0, 0.8), seed=SEEDS)
 def test_the_sum_of_charges_is_the_least_without_forbidden_edges(n, share, seed):
     rng = np.random.default_rng(seed)

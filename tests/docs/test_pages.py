@@ -51,10 +51,7 @@ PAGES = [
     pytest.param(page.name, marks=pytest.mark.slow if page.name in SLOW else ()) for page in sorted(DOCS.glob("*.md"))
 ]
 PACKAGES = {"blender.md": ["bpy"], "cad.md": ["build123d", "compas"]}  # without wheels on some systems
-STUBS = {
-    "dask_jobqueue.py": "SLURMCluster",
-    "dask_kubernetes/operator.py": "KubeCluster",
-}
+STUBS = {"dask_jobqueue.py": "SLURMCluster", "dask_kubernetes/operator.py": "KubeCluster"}
 # commands of the job script, with one worker on this machine
 COMMANDS = {"srun": 'exec "$@"', "spinor-geom": f'exec {sys.executable} -m spinor_geom.cli.main "$@"'}
 # replaces the cluster of a queue by one worker on this machine

@@ -2,14 +2,13 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from spinor_geom.domain.delaunay import constrained_delaunay
 from tests.strategies import SEEDS
 
 
-@settings(max_examples=15)
 @given(st.integers(6, 60), st.integers(0, 80), SEEDS)
 def test_faces_fill_the_polygon_and_no_inner_vertex_lies_in_a_circumcircle(n, count, seed):
     rng = np.random.default_rng(seed)

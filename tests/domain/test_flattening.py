@@ -4,7 +4,7 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from scipy.sparse import csc_array
 
 from spinor_geom.discrete.first_fill import unfolded_loop
@@ -15,6 +15,7 @@ from spinor_geom.domain.polygons import is_simple
 from spinor_geom.domain.triangulation import triangulate_polygon
 from spinor_geom.errors import DomainError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from tests.fill.shapes import on_circle
 from tests.loops import L_SHAPE, figure_eight, noisy_ellipse, planar, ramp
 from tests.plateau.rims import ring
 from tests.strategies import smooth_loops
@@ -25,10 +26,6 @@ def operator(matrix):
 
 
 FLAT = np.array([1, 1j, 0])
-
-
-def circle(n, radius=1.0):
-    return radius * np.exp(2j * np.pi * np.arange(n) / n)
 
 
 def meshed(polygon, height=None):
@@ -51,8 +48,8 @@ def hills(z):
 
 
 SURFACES = {
-    "hills": meshed(circle(60), hills),
-    "cap": meshed(circle(80, 0.8), lambda z: np.sqrt(1 - np.abs(z) ** 2)),
+    "hills": meshed(on_circle(60), hills),
+    "cap": meshed(0.8 * on_circle(80), lambda z: np.sqrt(1 - np.abs(z) ** 2)),
     "L": meshed(planar(L_SHAPE, 60).points @ FLAT, hills),
     "noisy": (lambda disk: (disk.vertices, disk.faces, 100))(first_disk(noisy_ellipse().points)),
 }
@@ -79,15 +76,14 @@ def test_dirichlet_to_neumann_matrix_is_symmetric_and_kills_constants(surface):
 
 def test_dirichlet_to_neumann_matrix_of_the_disk_multiplies_by_the_wave_number():
     n = 96
-    neumann = dirichlet_to_neumann(*meshed(circle(n)))[0]
-    angle = np.angle(circle(n))
+    neumann = dirichlet_to_neumann(*meshed(on_circle(n)))[0]
+    angle = np.angle(on_circle(n))
     for k in (1, 2, 4):
         u = np.cos(k * angle)
         # ∮ u ∂u/∂n = k ∮ u² = kπ
         assert abs(u @ (neumann @ u) / (k * np.pi) - 1) < 0.01 * k
 
 
-@settings(max_examples=10)
 @given(points=smooth_loops(max_points=80))
 def test_flat_boundaries_are_simple_and_keep_their_edge_lengths(points):
     disk = first_disk(points)

@@ -1,7 +1,7 @@
 """Points of a triangular lattice inside polygons."""
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from spinor_geom.domain.polygons import lattice_inside
@@ -25,7 +25,6 @@ def same_points(a, b):
     return len(a) == len(b) and np.allclose(np.sort_complex(a.round(9)), np.sort_complex(b.round(9)))
 
 
-@settings(max_examples=30)
 @given(st.integers(3, 40), SEEDS, st.floats(0.03, 0.5))
 def test_lattice_points_inside_star_shaped_polygons(n, seed, spacing):
     rng = np.random.default_rng(seed)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from spinor_geom.deadline import time_limit
@@ -66,7 +66,6 @@ def test_grid_of_a_fourier_boundary_is_the_series_and_its_derivatives_at_equal_s
     np.testing.assert_allclose(ddz, np.exp(2j * np.pi * k * t[:, None]) @ (-((2 * np.pi * k) ** 2) * BENT.coefficients))
 
 
-@settings(max_examples=20)
 @given(radius=st.floats(0.01, 3), angle=st.floats(0, 2 * np.pi))
 def test_distance_from_a_circle(radius, angle):
     z = np.array([radius * np.exp(1j * angle)])
@@ -95,7 +94,6 @@ def test_samples_are_the_vertices_and_equal_steps_between_them():
     np.testing.assert_allclose(points[:, 3], boundary.point(quarters), atol=1e-14)
 
 
-@settings(max_examples=20)
 @given(x=st.floats(-1, 3), y=st.floats(-1, 3))
 def test_inside_of_the_l(x, y):
     margin = min(abs(x), abs(y), abs(x - 2), abs(y - 2), abs(x - 1), abs(y - 1))

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from spinor_geom.domain.sizes import SizeField
@@ -165,7 +165,6 @@ def test_time_limit_ends_a_refinement():
     assert not result.is_complete
 
 
-@settings(max_examples=30)
 @given(st.integers(3, 30), st.integers(0, 10**6), st.floats(0.5, 3), st.floats(0.02, 0.3))
 def test_seeds_outside_the_polygon_are_left_out(n, seed, reach, spacing):
     """Seeds are made for the surface's domain: chords of few points leave much of that outside."""

@@ -76,6 +76,7 @@ def test_prescribed_boundaries_have_their_own_derivatives():
             assert np.allclose(slope, df(t), atol=1e-6 * np.abs(slope).max())
 
 
+@pytest.mark.slow
 def test_ours_are_nearer_and_faster_than_the_paper_s_training(tmp_path):
     outcome = trainings.timing(curves=("twisted circle",), rmsprop=TINY_RMSPROP, tolerances=(1e-3,), depth=2)
     assert {row["method"] for row in outcome.rows} == {

@@ -14,12 +14,7 @@ from spinor_geom.bench.holes import plane_square
 from spinor_geom.bench.ragged import reported_bowl
 from spinor_geom.deadline import time_limit
 from spinor_geom.domain.sizes import GRADED
-from spinor_geom.errors import (
-    OutOfTimeError,
-    SingularMatrixError,
-    SpinorGeomError,
-    TooManyPointsError,
-)
+from spinor_geom.errors import OutOfTimeError, SingularMatrixError, SpinorGeomError, TooManyPointsError
 from spinor_geom.fill import continuation, fairing
 from spinor_geom.fill.collar import Collar, bend_across, collar_of
 from spinor_geom.fill.continuation import continue_patch

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from spinor_geom.adapters import read_mesh
@@ -35,7 +35,6 @@ from tests.fill.shapes import circle, collar, cone, figure_eight, linked_rings, 
 from tests.strategies import SEEDS, HoledDisk, RigidMotion, holed_disks, rigid_motions
 
 
-@settings(max_examples=20)
 @given(seed=SEEDS, count=st.integers(0, 300))
 def test_the_faces_in_a_box_are_those_whose_boxes_meet_it(seed: int, count: int) -> None:
     rng = np.random.default_rng(seed)
@@ -212,7 +211,6 @@ def star(disk: HoledDisk, loop: BoundaryLoop) -> Patch:
     )
 
 
-@settings(max_examples=25)
 @given(disk=holed_disks(), motion=rigid_motions(), scale=st.floats(1e-6, 1e6))
 def test_what_was_cut_out_of_a_sheet_fits_back_without_crossings(
     disk: HoledDisk, motion: RigidMotion, scale: float
@@ -227,7 +225,6 @@ def test_what_was_cut_out_of_a_sheet_fits_back_without_crossings(
             patched.join(patch, loop.vertex_ids)
 
 
-@settings(max_examples=25, deadline=None)
 @given(seed=SEEDS, share=st.floats(0, 1))
 def test_crossings_of_unchanged_faces_need_no_second_test(seed: int, share: float) -> None:
     rng = np.random.default_rng(seed)

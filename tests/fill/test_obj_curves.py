@@ -9,12 +9,7 @@ from spinor_geom.adapters.obj import read_obj
 from spinor_geom.batching.inputs import Source
 from spinor_geom.batching.settings import BatchOptions
 from spinor_geom.batching.task import FileTask
-from spinor_geom.errors import (
-    LoopTooShortError,
-    NonFiniteVertexError,
-    OpenCurveError,
-    SelfCrossingLoopError,
-)
+from spinor_geom.errors import LoopTooShortError, NonFiniteVertexError, OpenCurveError, SelfCrossingLoopError
 from spinor_geom.fill.fill_options import FillOptions
 from spinor_geom.fill.obj_curves import NamedLoop, curve_loops
 from tests.batching.files import circle, curve_text, holed_text, vertex_lines

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from spinor_geom.fill.patched_mesh import LoopPatch, PatchedMesh, patch_chords, split_chords, stitch
@@ -132,7 +132,6 @@ def test_new_vertices_and_faces_come_loop_by_loop() -> None:
     assert is_watertight(joined(mesh, extension).faces)
 
 
-@settings(max_examples=30, deadline=None)
 @given(mesh=ragged_meshes(), apex=st.integers(0, 1000))
 def test_ragged_meshes_filled_by_chords_are_watertight_and_valid(mesh: TriangleMesh, apex: int) -> None:
     filled, complete = filled_with_fans(mesh, apex)
@@ -143,7 +142,6 @@ def test_ragged_meshes_filled_by_chords_are_watertight_and_valid(mesh: TriangleM
     assert is_watertight(filled.faces) == complete
 
 
-@settings(max_examples=20, deadline=None)
 @given(disk=holed_disks(), apex=st.integers(0, 1000))
 def test_disks_with_holes_become_spheres(disk: object, apex: int) -> None:
     filled, complete = filled_with_fans(disk.mesh, apex)  # type: ignore[attr-defined]

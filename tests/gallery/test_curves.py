@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from spinor_geom import gallery
@@ -118,7 +118,6 @@ def test_impossible_curves_are_refused(bad):
         bad()
 
 
-@settings(max_examples=30, deadline=None)
 @given(st.lists(st.integers(0, 999), max_size=8, unique=True).map(sorted), st.integers(8, 60))
 def test_sampled_parameters_are_increasing_and_hold_the_corners(corners, n):
     corners = [c / 1000 for c in corners]

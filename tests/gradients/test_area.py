@@ -12,18 +12,7 @@ from spinor_geom.errors import NotDifferentiableError
 from spinor_geom.gradients import rim_nodes
 from spinor_geom.gradients.area import area_gradient
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from tests.gradients.cases import (
-    LINKED,
-    RING,
-    ROUTES,
-    difference,
-    moved,
-    moves_of,
-    names,
-    order_of,
-    solved,
-    wavy,
-)
+from tests.gradients.cases import LINKED, RING, ROUTES, difference, moved, moves_of, names, order_of, solved, wavy
 
 # relative error of gradients and of differences of solves; networks are fitted to 1e-5 of an edge, whose square counts
 ERROR = 1e-6

@@ -87,7 +87,7 @@ def test_curve_without_points_is_not_differentiable():
         by_points(formula, np.zeros(1), np.zeros((1, 3)))
 
 
-@settings(max_examples=6, deadline=None)
+@settings(max_examples=6)
 @given(
     count=st.integers(4, 60),
     corners=st.sets(st.integers(0, 59), max_size=6),

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from spinor_geom.domain import FourierBoundary
@@ -39,7 +39,6 @@ def test_any_numbers_of_sources_and_targets(n, targets):
     check_sums(sources, random_complex(rng, n, 2), 2 * random_complex(rng, targets))
 
 
-@settings(max_examples=15)
 @given(boundary=analytic_boundaries(), seed=SEEDS, n=st.integers(50, 800))
 def test_targets_beside_and_far_from_random_curves(boundary, seed, n):
     rng = np.random.default_rng(seed)

@@ -84,9 +84,7 @@ def test_values_residues_and_values_on_circles(made):
 def test_catenoid_is_two_terms():
     # p = 1, q = −1/z: ∫ pq dz = −log z
     made = LaurentSeries(
-        torch.tensor([[1.0, 0.0]], dtype=torch.complex128),
-        torch.tensor([[[0.0, -4.0]]], dtype=torch.complex128),
-        ONE,
+        torch.tensor([[1.0, 0.0]], dtype=torch.complex128), torch.tensor([[[0.0, -4.0]]], dtype=torch.complex128), ONE
     )
     z = points()
     with torch.no_grad():

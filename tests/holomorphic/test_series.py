@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from spinor_geom.holomorphic.series import PowerSeries, power_moments, power_sums
@@ -38,7 +38,6 @@ def test_integrals_of_ennepers_spinors():
         torch.testing.assert_close(series.primitive(z), exact, rtol=0, atol=1e-15)
 
 
-@settings(max_examples=25)
 @given(st.integers(1, 80), SEEDS, st.floats(0.1, 10), st.complex_numbers(max_magnitude=3, allow_nan=False))
 def test_integrals_equal_quadrature_along_rays(terms, seed, radius, center):
     series = random_series(terms, seed, center=center, radius=radius)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from spinor_geom.domain import PlaneDomain
@@ -26,7 +26,6 @@ def distinct(points):
     return all(abs(a - b) > 0.02 for i, a in enumerate(points) for b in points[:i])
 
 
-@settings(max_examples=25, deadline=None)
 @given(st.lists(st.complex_numbers(max_magnitude=0.95), max_size=6).filter(distinct))
 def test_all_simple_zeros_are_found(roots):
     found = find_zeros(product(roots), DISK)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline, PPoly
 from scipy.spatial import cKDTree
@@ -70,7 +70,6 @@ def jump(curve: BoundaryCurve, order: int, at: np.ndarray) -> np.ndarray:
 
 
 class TestInterpolation:
-    @settings(deadline=None, max_examples=15)
     @given(points=rough_loops(), corners=st.lists(st.integers(0, 23), max_size=5))
     def test_passes_through_the_vertices_to_the_last_bit(self, points: np.ndarray, corners: list[int]) -> None:
         curve = curve_of(points, corners)
@@ -166,7 +165,6 @@ class TestDegree:
         # |Γ′| is the length, up to what the cubic spline misses of it
         np.testing.assert_allclose(speed, curve.length(), rtol=1e-5)
 
-    @settings(deadline=None, max_examples=20)
     @given(points=smooth_loops(min_points=60), motion=rigid_motions())
     def test_degree_does_not_depend_on_position_or_scale(self, points: np.ndarray, motion: RigidMotion) -> None:
         curve, moved = curve_of(points, []), curve_of(1e3 * motion(points), [])
@@ -334,7 +332,6 @@ class TestAverages:
         height = np.ptp(smooth.point(smooth.breaks[:-1])[:, 2]) / 2
         assert height == pytest.approx(0.1 * np.exp(-0.5 * (10 * np.pi * width) ** 2), rel=0.05)
 
-    @settings(deadline=None, max_examples=20)
     @given(points=rough_loops(), width=st.floats(1e-3, 0.2))
     def test_averages_keep_the_breaks_and_are_shorter(self, points: np.ndarray, width: float) -> None:
         curve = curve_of(points, [])
@@ -346,7 +343,6 @@ class TestAverages:
 
 
 class TestNearest:
-    @settings(deadline=None, max_examples=15)
     @given(points=rough_loops(), seed=SEEDS)
     def test_no_denser_sampling_finds_a_nearer_point(self, points: np.ndarray, seed: int) -> None:
         curve = curve_of(points)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from spinor_geom.bench.holes import lattice
@@ -134,7 +134,6 @@ class TestCoincidentEdges:
 
 
 class TestRandomMeshes:
-    @settings(deadline=None, max_examples=30)
     @given(mesh=ragged_meshes())
     def test_loops_are_simple_and_cover_the_boundary_once_reversed(self, mesh: TriangleMesh) -> None:
         loops = find_boundary_loops(mesh)
@@ -151,7 +150,6 @@ class TestRandomMeshes:
         piece = dict(zip(map(tuple, sides), np.tile(labels, 3).tolist(), strict=True))
         assert all(len({piece[b, a] for a, b in loop_edges([loop])}) == 1 for loop in loops)
 
-    @settings(deadline=None, max_examples=15)
     @given(mesh=ragged_meshes(), motion=rigid_motions(), exponent=st.integers(-6, 6), seed=SEEDS)
     def test_place_size_and_the_order_of_faces_corners_and_vertices_do_not_matter(
         self, mesh: TriangleMesh, motion: RigidMotion, exponent: int, seed: int

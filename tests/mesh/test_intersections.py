@@ -118,7 +118,6 @@ def crossings_exactly(points: np.ndarray) -> list[list[int]]:
 # --- faces ------------------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=20)
 @given(seed=SEEDS, reach=st.integers(1, 3))
 def test_two_triangles_cross_as_in_rational_arithmetic(seed: int, reach: int) -> None:
     # small whole coordinates: most pairs share corners or sides, touch, lie in a plane, or have no area
@@ -129,7 +128,6 @@ def test_two_triangles_cross_as_in_rational_arithmetic(seed: int, reach: int) ->
         assert len(self_intersections(triangles.reshape(-1, 3), BOTH)) == len(expected)
 
 
-@settings(max_examples=20)
 @given(seed=SEEDS)
 def test_triangles_with_common_vertices_cross_as_in_rational_arithmetic(seed: int) -> None:
     random = np.random.default_rng(seed)
@@ -154,7 +152,6 @@ def test_a_soup_crosses_as_in_rational_arithmetic_at_any_scale(seed: int, scale:
     assert self_intersections(vertices, faces).tolist() == expected
 
 
-@settings(max_examples=15)
 @given(motion=rigid_motions(), scale=st.floats(1e-6, 1e6), seed=SEEDS)
 def test_counts_do_not_change_under_motion_and_scale(motion: RigidMotion, scale: float, seed: int) -> None:
     vertices, faces = crumpled(seed)
@@ -249,7 +246,6 @@ def test_a_long_edge_is_compared_with_the_short_ones_it_passes(height: float, fo
     assert crossings.tolist() == ([[999, 2002], [1000, 2002]] if found else [])
 
 
-@settings(deadline=None, max_examples=30)
 @given(seed=SEEDS, count=st.integers(5, 20), turns=st.integers(1, 2), motion=rigid_motions())
 def test_stars_are_simple_where_they_wind_once(seed: int, count: int, turns: int, motion: RigidMotion) -> None:
     rng = np.random.default_rng(seed)

@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from scipy.sparse import csc_array, eye_array
 
 from spinor_geom.deadline import time_limit
@@ -39,7 +39,6 @@ def test_right_triangle() -> None:
     np.testing.assert_allclose(cotangent_laplacian(RIGHT_TRIANGLE, FACE).toarray(), expected, atol=1e-15)
 
 
-@settings(deadline=None, max_examples=20)
 @given(disk=holed_disks())
 def test_laplacian_is_symmetric_semidefinite_with_zero_rows(disk: HoledDisk) -> None:
     laplacian = cotangent_laplacian(disk.mesh.vertices, disk.mesh.faces)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import pytest
@@ -27,19 +28,13 @@ def flipped(face: int) -> Pair:
     return vertices, faces
 
 
-def copied(face: int) -> Pair:
+# copies of a face, by the places of its corners
+COPIES = {"copied": [1, 2, 0], "copied backwards": [2, 1, 0], "with a vertex twice": [0, 1, 1]}
+
+
+def with_copy(kind: str, face: int) -> Pair:
     vertices, faces = tube(SIDES, RINGS)
-    return vertices, np.vstack([faces, faces[face, [1, 2, 0]]])
-
-
-def copied_backwards(face: int) -> Pair:
-    vertices, faces = tube(SIDES, RINGS)
-    return vertices, np.vstack([faces, faces[face, ::-1]])
-
-
-def with_a_vertex_twice(face: int) -> Pair:
-    vertices, faces = tube(SIDES, RINGS)
-    return vertices, np.vstack([faces, faces[face, [0, 1, 1]]])
+    return vertices, np.vstack([faces, faces[face, COPIES[kind]]])
 
 
 def with_a_fin(face: int) -> Pair:
@@ -48,7 +43,8 @@ def with_a_fin(face: int) -> Pair:
     return np.vstack([vertices, [[5.0, 0, 1]]]), np.vstack([faces, [a, c, len(vertices)]])
 
 
-DEFECTS: list[Callable[[int], Pair]] = [flipped, copied, copied_backwards, with_a_vertex_twice, with_a_fin]
+COPIED, COPIED_BACKWARDS, A_VERTEX_TWICE = (partial(with_copy, kind) for kind in COPIES)
+DEFECTS: list[Callable[[int], Pair]] = [flipped, COPIED, COPIED_BACKWARDS, A_VERTEX_TWICE, with_a_fin]
 
 
 def same(loop: BoundaryLoop, other: BoundaryLoop) -> bool:
@@ -70,9 +66,9 @@ def test_a_defect_far_away_changes_no_loop_and_is_not_reported(defect: Callable[
     ("defect", "words"),
     [
         (flipped, r"1 of the 12 faces .* face 0\b"),
-        (copied, r"\(0, 120\)"),
-        (copied_backwards, r"\(0, 120\)"),
-        (with_a_vertex_twice, r"face 120 \(0, 1, 1\)"),
+        (COPIED, r"\(0, 120\)"),
+        (COPIED_BACKWARDS, r"\(0, 120\)"),
+        (A_VERTEX_TWICE, r"face 120 \(0, 1, 1\)"),
         (with_a_fin, r"\(13, 0\)"),
     ],
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from spinor_geom.mesh.find_loops import Sheets
@@ -37,7 +37,6 @@ def test_a_mesh_is_watertight_until_a_face_is_missing_turned_or_too_many(tetrahe
     assert not is_watertight_with(nothing, np.zeros(0, dtype=bool), nothing)
 
 
-@settings(deadline=None, max_examples=15)
 @given(seed=SEEDS, count=st.integers(0, 12), copies=st.integers(0, 2))
 def test_added_faces_are_judged_as_those_of_one_mesh(seed: int, count: int, copies: int) -> None:
     rng = np.random.default_rng(seed)
@@ -60,7 +59,6 @@ def test_referenced_vertices() -> None:
     np.testing.assert_array_equal(referenced_vertices(np.array([[0, 3, 1]]), vertices=5), [1, 1, 0, 1, 0])
 
 
-@settings(deadline=None, max_examples=25)
 @given(rows=st.lists(st.tuples(*[st.sampled_from([0.0, -0.0, 1.0])] * 3), max_size=40))
 def test_coincident_vertices_equal_a_direct_search(rows: list[tuple[float, ...]]) -> None:
     points = np.array(rows).reshape(-1, 3)

@@ -197,7 +197,7 @@ def test_a_region_is_remeshed_within_its_outline(enough: float) -> None:
     np.testing.assert_allclose(new.points[m:].real, new.vertices[m:, 0], atol=0.1)
 
 
-@settings(max_examples=6, deadline=None)
+@settings(max_examples=6)
 @given(seed=st.integers(0, 10**6), count=st.integers(5, 12))
 def test_stars_keep_rims_area_and_scale(seed: int, count: int) -> None:
     rng = np.random.default_rng(seed)

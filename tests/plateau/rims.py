@@ -52,10 +52,7 @@ def coaxial(h, *, phase=0.0) -> tuple[ClosedCurve, ClosedCurve]:
 
 def skew() -> tuple[ClosedCurve, ClosedCurve]:
     """Wavy rims of different sizes, off each other's axis: area SKEW_AREA."""
-    return (
-        ring(1.0, -0.3, stretch=1.5, waves=2, amount=0.15),
-        ring(0.8, 0.3, centre=(0.3, 0.1), waves=3, amount=0.1),
-    )
+    return (ring(1.0, -0.3, stretch=1.5, waves=2, amount=0.15), ring(0.8, 0.3, centre=(0.3, 0.1), waves=3, amount=0.1))
 
 
 def linked() -> tuple[ClosedCurve, ClosedCurve]:

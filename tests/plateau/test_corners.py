@@ -33,11 +33,7 @@ def fields_on(domain, panels):
     poles, z = edge_poles(domain), np.asarray(panels.z)
     paths = [path_across(domain, hole)[0] for hole in range(len(domain.holes))]
     features = CauchyNetwork.orthonormal_on(
-        z,
-        np.asarray(panels.arc_weights),
-        poles=np.asarray(poles.positions),
-        scales=np.asarray(poles.scales),
-        degree=8,
+        z, np.asarray(panels.arc_weights), poles=np.asarray(poles.positions), scales=np.asarray(poles.scales), degree=8
     ).features(np.asarray(np.concatenate([panels.z, *paths])))
     return ModulusFields.of_corners(domain, panels, features)
 

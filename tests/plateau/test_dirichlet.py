@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from spinor_geom.domain import FourierBoundary
@@ -65,7 +65,6 @@ def test_on_a_disk_it_multiplies_fourier_series_by_their_frequency(form):
 # --- properties -------------------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=15)
 @given(boundary=analytic_boundaries(), seed=st.integers(0, 1000))
 def test_form_is_symmetric_and_positive_but_for_constants(boundary, seed):
     form = form_of(boundary, 128)
@@ -83,7 +82,6 @@ def test_form_is_symmetric_and_positive_but_for_constants(boundary, seed):
     assert float(np.abs(form(np.ones((192, 1)))).max()) < 1e-11
 
 
-@settings(max_examples=15)
 @given(
     boundary=analytic_boundaries(),
     shift=st.floats(0, 1),

@@ -12,12 +12,7 @@ from hypothesis import strategies as st
 from spinor_geom import gallery
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau.curve_tensors import CurveTensors
-from spinor_geom.plateau.harmonic.douglas import (
-    Slides,
-    minimise_dirichlet_energies,
-    resampled,
-    slide_downhill,
-)
+from spinor_geom.plateau.harmonic.douglas import Slides, minimise_dirichlet_energies, resampled, slide_downhill
 from spinor_geom.plateau.newton import _line_search
 from spinor_geom.plateau.threads import one_thread
 from tests.loops import noisy_ellipse
@@ -129,7 +124,6 @@ def test_no_step_is_too_long_for_the_slide_to_increase(size):
 # --- several curves at once -------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=10)
 @given(seed=SEEDS, tolerance=st.sampled_from([1e-4, 1e-10]))
 def test_curves_of_a_batch_do_not_know_of_each_other(seed, tolerance):
     random = np.random.default_rng(seed)
@@ -182,7 +176,6 @@ def test_smooth_slides_are_resampled_exactly_and_come_back(m, n):
     np.testing.assert_allclose(resampled(slides(n), m), slides(m), rtol=0, atol=1e-14)
 
 
-@settings(max_examples=15)
 @given(seed=SEEDS, n=st.integers(48, 400).map(lambda half: 2 * half))
 def test_rough_slide_increases_when_it_is_resampled(seed, n):
     steps = np.random.default_rng(seed).exponential(size=120) ** 2 + 1e-9

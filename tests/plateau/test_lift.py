@@ -142,10 +142,7 @@ def test_distance_from_the_curve_is_measured_on_the_surface_itself(n):
     lift = lifted(disk, form, curve, allowed=0.0)
     surface = surface_of(lift, domain_of(lift, form.boundary))(1.0, np.zeros(3))
     exact = BoundaryCurve(
-        kind="cubic",
-        breaks=curve.breaks,
-        coefficients=curve.coefficients,
-        corners=np.zeros(80, dtype=bool),
+        kind="cubic", breaks=curve.breaks, coefficients=curve.coefficients, corners=np.zeros(80, dtype=bool)
     )
     # other points than the lift's
     t = (np.arange(3000) + 0.3) / 3000

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from spinor_geom import gallery
@@ -58,7 +58,6 @@ def unfolded(loop):
 # --- density of the nodes ---------------------------------------------------------------------------------------------
 
 
-@settings(max_examples=25)
 @given(points=st.one_of(smooth_loops(), rough_loops()), seed=st.integers(0, 1000))
 def test_parameter_and_slide_increase_and_are_inverse_to_each_other(points, seed):
     density = density_of(BoundaryLoop.from_points(points, corners=()))

@@ -18,10 +18,7 @@ from tests.systems import every_second
 
 @pytest.mark.parametrize(
     "solve",
-    [
-        lambda: solve_plateau(noisy_ellipse(), tolerance=1e-2, between="smooth"),
-        lambda: spanned("saddle 8:1"),
-    ],
+    [lambda: solve_plateau(noisy_ellipse(), tolerance=1e-2, between="smooth"), lambda: spanned("saddle 8:1")],
     ids=["noisy", "saddle"],
 )
 def test_reported_residual_is_the_measured_one(solve):

@@ -15,17 +15,7 @@ from spinor_geom.plateau.annulus import _partitions
 from spinor_geom.plateau.curve_tensors import CurveTensors
 from spinor_geom.plateau.rims import rims_route
 from spinor_geom.plateau.rims.starts import Rim, projected_starts
-from tests.plateau.rims import (
-    CATENOIDS,
-    KNOIDS,
-    TETRAHEDRON,
-    coaxial,
-    facing,
-    knoid,
-    knoid_curves,
-    polygon,
-    ring,
-)
+from tests.plateau.rims import CATENOIDS, KNOIDS, TETRAHEDRON, coaxial, facing, knoid, knoid_curves, polygon, ring
 
 
 @cache

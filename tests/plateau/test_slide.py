@@ -3,7 +3,7 @@
 from itertools import product
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from spinor_geom.plateau.network.network_problem import nearest_increasing
@@ -42,7 +42,6 @@ def is_increasing(s):
     return bool((np.diff(np.append(s, s[0] + 1)) >= -1e-15).all())
 
 
-@settings(max_examples=30)
 @given(n=st.integers(2, 7), seed=SEEDS, noise=st.sampled_from([0.02, 0.1, 0.3]))
 def test_result_increases_around_the_circle(n, seed, noise):
     rng = np.random.default_rng(seed)
@@ -50,7 +49,6 @@ def test_result_increases_around_the_circle(n, seed, noise):
     assert is_increasing(nearest_increasing(s, rng.uniform(0.5, 1.5, n), unbounded(n)))
 
 
-@settings(max_examples=20)
 @given(n=st.integers(3, 7), seed=SEEDS)
 def test_nearest_where_the_circle_is_cut_between_free_nodes(n, seed):
     rng = np.random.default_rng(seed)

@@ -123,10 +123,7 @@ def power(degree: int, factor: float) -> ArraySurface:
     return ArraySurface(PowerSeries(coefficients), PlaneDomain.disk())
 
 
-@pytest.mark.parametrize(
-    "degree",
-    [64, 256, *(pytest.param(n, marks=pytest.mark.slow) for n in (16, 63, 1000))],
-)
+@pytest.mark.parametrize("degree", [64, 256, *(pytest.param(n, marks=pytest.mark.slow) for n in (16, 63, 1000))])
 @pytest.mark.parametrize("factor", [1.0, 1.5])
 def test_powers_that_meshes_do_not_resolve_are_not_stable(degree: int, factor: float) -> None:
     """Their normals cover a hemisphere or more; sampled at as many equal steps as the degree, they seem constant."""

@@ -243,8 +243,7 @@ def test_rims_that_meet_are_refused():
 
 
 @pytest.mark.parametrize(
-    ("radius", "height", "x"),
-    [(0.2, 0.05, 0.5), pytest.param(0.1, 0.1, 0.0, marks=pytest.mark.slow)],
+    ("radius", "height", "x"), [(0.2, 0.05, 0.5), pytest.param(0.1, 0.1, 0.0, marks=pytest.mark.slow)]
 )
 def test_a_small_rim_over_a_large_one_is_joined_to_it(radius, height, x):
     # of few nodes on each, all of those on the small one fall into one place, where nothing is left to span
@@ -266,11 +265,7 @@ def squares(h, *, turn=0.0, edges=1):
 
 
 @pytest.mark.parametrize(
-    ("turn", "edges", "area"),
-    [
-        (30.0, 1, 7.11727),
-        pytest.param(30.0, 8, 7.11727, marks=pytest.mark.slow),
-    ],
+    ("turn", "edges", "area"), [(30.0, 1, 7.11727), pytest.param(30.0, 8, 7.11727, marks=pytest.mark.slow)]
 )
 def test_squares_turned_against_each_other_are_met_at_their_corners(turn, edges, area):
     # on circles corners stay between the two nodes where few nodes had them, 5e-2 of an edge off

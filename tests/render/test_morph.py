@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from spinor_geom import gallery
@@ -49,7 +49,6 @@ def catenoid() -> Faces:
 
 
 @given(angle=ANGLES)
-@settings(max_examples=20)
 def test_members_are_those_of_the_surface_up_to_a_shift(catenoid: Faces, angle: float) -> None:
     surface = gallery.catenoid().surface
     z = mesh_surface(surface, vertices=600).points
@@ -60,7 +59,6 @@ def test_members_are_those_of_the_surface_up_to_a_shift(catenoid: Faces, angle: 
 
 
 @given(angle=ANGLES)
-@settings(max_examples=20)
 def test_the_metric_stays_to_round_off(angle: float) -> None:
     surface = gallery.enneper(1.2).surface
     z = surface.domain.triangulation.points

@@ -88,10 +88,7 @@ DRAWING = "import {}; from spinor_geom.isolate import serve; serve(lambda *_: ex
         ("os", "raise ImportError('libGL.so.1: cannot open shared object file')", "no usable OpenGL library"),
         ("os", "raise MemoryError('out of memory')", "MemoryError: out of memory"),
         ("os", "os._exit(1)", "status 1"),
-        pytest.param(
-            *("os", "os.kill(os.getpid(), 9)", "the drawing process was killed"),
-            marks=signals,
-        ),
+        pytest.param(*("os", "os.kill(os.getpid(), 9)", "the drawing process was killed"), marks=signals),
         ("time", "time.sleep(100)", "took longer than 0.5 s"),
     ],
 )

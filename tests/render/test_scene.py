@@ -48,11 +48,8 @@ def test_the_largest_patch_is_that_of_largest_area_not_of_longest_rim() -> None:
     assert fill_scene(report)[0].camera.direction[2] > 0.9
 
 
-def test_everything_is_in_the_picture(scene: tuple[Scene, ...]) -> None:
+def test_everything_is_in_the_picture_and_patches_far_wider_than_the_mesh(scene: tuple[Scene, ...]) -> None:
     assert_shown(scene)
-
-
-def test_a_patch_far_wider_than_the_mesh_is_in_the_picture() -> None:
     bowl = bowl_below(-0.4, 2)
     _, report = fill_hole(bowl, 0, continuity="C1", return_report=True)
     assert np.ptp(report.extension.vertices[:, 0]) > 1.02 * np.ptp(bowl[0][:, 0])

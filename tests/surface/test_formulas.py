@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from spinor_geom.errors import DtypeError
@@ -28,7 +28,6 @@ def test_p_alone_is_the_plane_with_normal_plus_e3():
     np.testing.assert_array_equal(formulas.normal(p, q), [0.0, 0.0, 1.0])
 
 
-@settings(max_examples=30, deadline=None)
 @given(complex_numbers(), complex_numbers())
 def test_null_conformal_and_orthonormal_frame(p, q):
     p, q = scalar(p), scalar(q)
@@ -41,7 +40,6 @@ def test_null_conformal_and_orthonormal_frame(p, q):
     np.testing.assert_allclose(torch.linalg.cross(r_x, r_y) / scale, normal, atol=ROUND_OFF)
 
 
-@settings(max_examples=30, deadline=None)
 @given(complex_numbers(), complex_numbers())
 def test_gauss_map_is_the_stereographic_normal_and_weierstrass_data_give_phi_back(p, q):
     p, q = scalar(p), scalar(q)
@@ -69,15 +67,7 @@ def test_second_fundamental_form_is_symmetric_and_traceless():
     np.testing.assert_allclose(gauss, formulas.gauss_curvature(p, q, dp, dq), rtol=1e-12)
 
 
-@pytest.mark.parametrize(
-    "function",
-    [
-        formulas.phi,
-        formulas.conformal_factor,
-        formulas.normal,
-        formulas.gauss_map,
-    ],
-)
+@pytest.mark.parametrize("function", [formulas.phi, formulas.conformal_factor, formulas.normal, formulas.gauss_map])
 def test_real_spinors_are_refused(function):
     real, cplx = torch.ones(3, dtype=torch.float64), torch.ones(3, dtype=torch.complex128)
     with pytest.raises((DtypeError, TypeError), match=r"complex|q"):

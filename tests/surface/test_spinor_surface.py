@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -91,11 +91,6 @@ def test_real_tensors_are_refused_and_real_arrays_are_points_of_the_real_axis():
 # --- area -------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("known", KNOWN, ids=lambda known: known.name)
-def test_area_equals_the_exact_one(known):
-    assert abs(known.surface.area() / known.area - 1) < 1e-13
-
-
 def test_area_of_a_cauchy_network_equals_the_double_integral():
     surface = cauchy_surface()
     nodes, weights = np.polynomial.legendre.leggauss(40)
@@ -108,7 +103,6 @@ def test_area_of_a_cauchy_network_equals_the_double_integral():
 # --- associates and similarities --------------------------------------------------------------------------------------
 
 
-@settings(max_examples=10, deadline=None)
 @given(st.floats(-7, 7))
 def test_associates_are_isometric_and_share_normals(angle):
     surface = polynomial([1, 0.5j], [0.2, 1, 0.3]).surface

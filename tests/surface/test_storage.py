@@ -1,7 +1,6 @@
 """Saved surfaces are loaded bit for bit, and other files are refused."""
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,33 +11,17 @@ from safetensors.torch import save as to_bytes
 from spinor_geom.domain import FourierBoundary, PlaneDomain
 from spinor_geom.errors import StorageError
 from spinor_geom.gallery import catenoid, enneper
-from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.holomorphic.interpolant import CauchyInterpolant
 from spinor_geom.holomorphic.laurent import LaurentSeries
 from spinor_geom.holomorphic.mlp import ComplexMLP
 from spinor_geom.surface.spinor_surface import SpinorSurface
 from spinor_geom.surface.storage import VERSION
+from tests.surface.test_spinor_surface import cauchy_surface
 
 
-def cauchy_surface():
-    domain = PlaneDomain.from_boundary(
-        np.concatenate(
-            [np.arange(10) / 10, 1 + 1j * np.arange(10) / 10, 1 + 1j - np.arange(10) / 10, 1j - 1j * np.arange(10) / 10]
-        ),
-        np.arange(40) % 10 == 0,
-    )
-    rim = torch.from_numpy(domain.boundary.point(np.arange(160) / 160))
-    centre = 0.5 + 0.5j
-    network = CauchyNetwork.orthonormal_on(
-        rim,
-        torch.ones(160, dtype=torch.float64),
-        poles=centre + 1.3 * (rim[::8] - centre),
-        scales=torch.full((20,), 0.2, dtype=torch.float64),
-        degree=5,
-    )
-    readout = torch.randn(network.readout.shape, dtype=torch.complex128, generator=torch.Generator().manual_seed(3))
-    return SpinorSurface(replace(network, readout=readout), domain, (1.0, 2.0, 1 / 3), quadrature="simpson", order=8)
+def stored_cauchy_surface():
+    return SpinorSurface(cauchy_surface().model, DISK, (1.0, 2.0, 1 / 3), quadrature="simpson", order=8)
 
 
 def interpolant_surface():
@@ -48,15 +31,6 @@ def interpolant_surface():
     return SpinorSurface(model, PlaneDomain.inside(boundary), (1.0, 2.0, 1 / 3), quadrature="gauss", order=16)
 
 
-SURFACES = {
-    "series": lambda: SpinorSurface.of(enneper(0.8).surface).associate(0.3).transform(scale=0.1),
-    "series, spline domain": lambda: SpinorSurface.of(catenoid(0.5).surface),
-    "cauchy": cauchy_surface,
-    "cauchy-interpolant, Fourier domain": interpolant_surface,
-    "mlp": lambda: SpinorSurface(ComplexMLP(generator=torch.Generator().manual_seed(0)), PlaneDomain.disk()),
-}
-
-
 def annulus_surface(*, antiperiodic):
     outward, inward = torch.randn(2, 5, 2, dtype=torch.complex128, generator=torch.Generator().manual_seed(5))
     ring = CircularDomain.annulus(-np.log(0.4))
@@ -64,8 +38,16 @@ def annulus_surface(*, antiperiodic):
     return SpinorSurface(model, PlaneDomain.annulus(0.4))
 
 
-SURFACES["laurent"] = lambda: annulus_surface(antiperiodic=False)
-SURFACES["laurent, antiperiodic"] = lambda: annulus_surface(antiperiodic=True)
+DISK = PlaneDomain.disk()
+SURFACES = {
+    "series": lambda: SpinorSurface.of(enneper(0.8).surface).associate(0.3).transform(scale=0.1),
+    "series, spline domain": lambda: SpinorSurface.of(catenoid(0.5).surface),
+    "cauchy": stored_cauchy_surface,
+    "cauchy-interpolant, Fourier domain": interpolant_surface,
+    "mlp": lambda: SpinorSurface(ComplexMLP(generator=torch.Generator().manual_seed(0)), PlaneDomain.disk()),
+    "laurent": lambda: annulus_surface(antiperiodic=False),
+    "laurent, antiperiodic": lambda: annulus_surface(antiperiodic=True),
+}
 
 
 @pytest.mark.parametrize("make", SURFACES.values(), ids=SURFACES.keys())

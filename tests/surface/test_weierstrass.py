@@ -7,6 +7,7 @@ from spinor_geom.domain import PlaneDomain
 from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.surface.spinor_surface import SpinorSurface
 from spinor_geom.surface.weierstrass import WeierstrassSurface
+from tests.surface.points import inside
 
 DISK = PlaneDomain.disk()
 
@@ -18,17 +19,12 @@ def surface(f, g, constant=(0.0, 0.0, 0.0)):
     return WeierstrassSurface(PowerSeries(terms), DISK, torch.tensor(constant, dtype=torch.float64))
 
 
-def points(count=50):
-    rng = np.random.default_rng(0)
-    return 0.9 * np.sqrt(rng.uniform(size=count)) * np.exp(2j * np.pi * rng.uniform(size=count))
-
-
 def test_it_agrees_with_the_spinor_form():
     # p = z and q = i/√2 give f = −2q² = 1 and g = −p/q = i√2 z
     terms = torch.tensor([[0, 1j / np.sqrt(2)], [1, 0]], dtype=torch.complex128)
     spinors = SpinorSurface(PowerSeries(terms), DISK)
     other = surface([1.0], [0.0, 1j * np.sqrt(2)])
-    z = points()
+    z = inside(DISK, 50)
     difference = spinors.position(z) - other.position(z)
     np.testing.assert_allclose(difference, np.broadcast_to(difference[0], difference.shape), atol=1e-13)
 

@@ -31,10 +31,7 @@ def solutions():
 
 def trained(solution, **options):
     return train_by_levenberg_marquardt(
-        solution.curve,
-        start=solution.surface,
-        matching=solution.matching,
-        options=LevenbergMarquardt(**options),
+        solution.curve, start=solution.surface, matching=solution.matching, options=LevenbergMarquardt(**options)
     )
 
 
