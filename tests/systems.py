@@ -18,3 +18,15 @@ undecodable = pytest.mark.skipif(
 def every_second(values: Iterable[Any]) -> list[Any]:
     """Parameters of a test with many similar ones; every second one is marked slow."""
     return [pytest.param(value, marks=pytest.mark.slow if k % 2 else ()) for k, value in enumerate(values)]
+
+
+class OnUse:
+    """A package that takes a second to import, and so is imported on use. Where it is missing its tests are skipped."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    def __getattr__(self, attribute: str) -> Any:
+        if attribute.startswith("_"):  # pytest looks for its own
+            raise AttributeError(attribute)
+        return getattr(pytest.importorskip(self._name), attribute)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +24,9 @@ from spinor_geom.errors import (
 )
 from spinor_geom.mesh.curve import BoundaryCurve
 from tests.strategies import SEEDS
+from tests.systems import OnUse
 
-cad = pytest.importorskip("build123d")
+cad = OnUse("build123d")
 
 
 def seam(points: int) -> Any:
@@ -42,22 +44,27 @@ def distances(points: np.ndarray, shape: Any) -> np.ndarray:
     return np.array([shape.distance_to(cad.Vertex(*point)) for point in points.tolist()])
 
 
-HALF = cad.CenterArc((0, 0), 1, 0, 180)
-PART = seam(20).trim(0.1, 0.7)
+def closed_by_a_line(make: Callable[[], Any]) -> Any:
+    """An open edge and the line between its ends."""
+    edge = make()
+    return cad.Wire([edge, cad.Line(edge @ 1, edge @ 0)])
+
+
 SHAPES = {  # shape, corners, length if known
-    "circle": (cad.Edge.make_circle(2), 0, 4 * np.pi),
-    "ellipse": (cad.Edge.make_ellipse(3, 1), 0, 12 * ellipe(8 / 9)),
-    "rounded rectangle": (cad.RectangleRounded(4, 2, 0.5), 0, 8 + np.pi),
-    "polygon": (cad.Wire.make_polygon([(0, 0, 0), (1, 0, 0), (1, 1, 1), (0, 1, 0)]), 4, 2 + 2 * np.sqrt(2)),
-    "half disk": (cad.Wire([HALF, cad.Line((-1, 0), (1, 0))]), 2, 2 + np.pi),
-    "seam": (seam(40), 0, None),
-    "part of a spline": (cad.Wire([PART, cad.Line(PART @ 1, PART @ 0)]), 2, None),
-    "helix": (cad.Wire([spiral := cad.Edge.make_helix(1, 2, 1), cad.Line(spiral @ 1, spiral @ 0)]), 2, None),
+    "circle": (lambda: cad.Edge.make_circle(2), 0, 4 * np.pi),
+    "ellipse": (lambda: cad.Edge.make_ellipse(3, 1), 0, 12 * ellipe(8 / 9)),
+    "rounded rectangle": (lambda: cad.RectangleRounded(4, 2, 0.5), 0, 8 + np.pi),
+    "polygon": (lambda: cad.Wire.make_polygon([(0, 0, 0), (1, 0, 0), (1, 1, 1), (0, 1, 0)]), 4, 2 + 2 * np.sqrt(2)),
+    "half disk": (lambda: closed_by_a_line(lambda: cad.CenterArc((0, 0), 1, 0, 180)), 2, 2 + np.pi),
+    "seam": (lambda: seam(40), 0, None),
+    "part of a spline": (lambda: closed_by_a_line(lambda: seam(20).trim(0.1, 0.7)), 2, None),
+    "helix": (lambda: closed_by_a_line(lambda: cad.Edge.make_helix(1, 2, 1)), 2, None),
 }
 
 
-@pytest.mark.parametrize(("shape", "corners", "length"), SHAPES.values(), ids=SHAPES)
-def test_curves_are_on_their_edges_to_rounding(shape: Any, corners: int, length: float | None) -> None:
+@pytest.mark.parametrize(("made", "corners", "length"), SHAPES.values(), ids=SHAPES)
+def test_curves_are_on_their_edges_to_rounding(made: Callable[[], Any], corners: int, length: float | None) -> None:
+    shape = made()
     (rim,) = to_rims(shape)
     assert len(rim.corners) == corners
     curve = BoundaryCurve.from_formula(rim)
@@ -96,22 +103,24 @@ def test_several_wires_are_several_curves_in_their_order() -> None:
         to_rims(wires, 3)
 
 
-TRIANGLE = polyline((0, 0, 0), (1, 0, 0), (0, 1, 0))
+def triangle_with_edges_given_twice() -> list[Any]:
+    first, second, third = polyline((0, 0, 0), (1, 0, 0), (0, 1, 0))
+    return [first, second, third, cad.Compound([second, third]), cad.Edge(first.wrapped.Reversed())]
 
 
 @pytest.mark.parametrize(
-    ("shape", "edges"),
+    ("made", "edges"),
     [
         # an edge given twice counts once
-        ([*TRIANGLE, cad.Compound(TRIANGLE[1:]), cad.Edge(TRIANGLE[0].wrapped.Reversed())], 3),
+        (triangle_with_edges_given_twice, 3),
         # one that is shorter than its tolerance is left out
-        (polyline((0, 0, 0), (1, 0, 0), (1 + 5e-7, 0, 0), (1, 1, 0)), 3),
+        (lambda: polyline((0, 0, 0), (1, 0, 0), (1 + 5e-7, 0, 0), (1, 1, 0)), 3),
         # edges without faces come before faces
-        (cad.Compound([cad.Box(1, 1, 1), cad.Wire.make_circle(3)]), 1),
+        (lambda: cad.Compound([cad.Box(1, 1, 1), cad.Wire.make_circle(3)]), 1),
     ],
 )
-def test_edges_that_count(shape: Any, edges: int) -> None:
-    (rim,) = to_rims(shape)
+def test_edges_that_count(made: Callable[[], Any], edges: int) -> None:
+    (rim,) = to_rims(made())
     assert (rim.kind, rim.edges) == ("edges", edges)
 
 
@@ -144,29 +153,33 @@ def test_one_of_several_free_boundaries_is_chosen_by_its_number() -> None:
 
 
 BAD = {
-    "open": (polyline((0, 0, 0), (1, 0, 0), (1, 1, 0))[:2], OpenWireError, r"\(0.0, 0.0, 0.0\).*are 1.41 apart"),
+    "open": (
+        lambda: polyline((0, 0, 0), (1, 0, 0), (1, 1, 0))[:2],
+        OpenWireError,
+        r"\(0.0, 0.0, 0.0\).*are 1.41 apart",
+    ),
     "gap": (
-        [*polyline((0, 0, 0), (1, 0, 0), (1, 1, 0))[:2], cad.Edge.make_line((1, 1, 0), (0, 0.01, 0))],
+        lambda: [*polyline((0, 0, 0), (1, 0, 0), (1, 1, 0))[:2], cad.Edge.make_line((1, 1, 0), (0, 0.01, 0))],
         OpenWireError,
         "are 0.01 apart",
     ),
     "branching": (
-        [*polyline((0, 0, 0), (1, 0, 0), (1, 1, 0)), cad.Edge.make_line((1, 1, 0), (2, 2, 0))],
+        lambda: [*polyline((0, 0, 0), (1, 0, 0), (1, 1, 0)), cad.Edge.make_line((1, 1, 0), (2, 2, 0))],
         BranchingEdgesError,
         r"3 ends of edges meet at \(1.0, 1.0, 0.0\)",
     ),
-    "closed": (cad.Box(1, 1, 1), NoEdgesError, "without a free boundary"),
-    "vertex": (cad.Vertex(1, 2, 3), NoEdgesError, "no edges and no faces"),
-    "nothing": (cad.Compound([]), NoEdgesError, "no edges and no faces"),
-    "mixed list": ([cad.Edge.make_circle(1), 3], ArgumentTypeError, "also has an object of type int"),
-    "no shape": (cad.Plane.XY, ArgumentTypeError, "of type Plane has no shape"),
+    "closed": (lambda: cad.Box(1, 1, 1), NoEdgesError, "without a free boundary"),
+    "vertex": (lambda: cad.Vertex(1, 2, 3), NoEdgesError, "no edges and no faces"),
+    "nothing": (lambda: cad.Compound([]), NoEdgesError, "no edges and no faces"),
+    "mixed list": (lambda: [cad.Edge.make_circle(1), 3], ArgumentTypeError, "also has an object of type int"),
+    "no shape": (lambda: cad.Plane.XY, ArgumentTypeError, "of type Plane has no shape"),
 }
 
 
-@pytest.mark.parametrize(("shape", "error", "message"), BAD.values(), ids=BAD)
-def test_bad_input_is_one_sentence(shape: Any, error: type[Exception], message: str) -> None:
+@pytest.mark.parametrize(("made", "error", "message"), BAD.values(), ids=BAD)
+def test_bad_input_is_one_sentence(made: Callable[[], Any], error: type[Exception], message: str) -> None:
     with pytest.raises(error, match=message) as caught:
-        to_rims(shape)
+        to_rims(made())
     assert "\n" not in str(caught.value)
 
 

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from spinor_geom.cli.main import main
+from tests.systems import OnUse
 
-cad = pytest.importorskip("build123d")
+cad = OnUse("build123d")
 
 ANGLES = 2 * np.pi * np.arange(32) / 32
 CIRCLE = "".join(f"v {x} {y} 0\n" for x, y in zip(np.cos(ANGLES), np.sin(ANGLES), strict=True))

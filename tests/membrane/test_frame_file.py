@@ -10,8 +10,9 @@ import pytest
 from spinor_geom import Cable, OpenCurve, Ring, Stay, SymmetryPlane, solve_membrane
 from spinor_geom.errors import CadFileError, MeshFileError, OptionError
 from spinor_geom.membrane.frame_file import edges_of_arguments, read_frame
+from tests.systems import OnUse
 
-cad = pytest.importorskip("build123d")
+cad = OnUse("build123d")
 
 
 def line(label: str, *ends: tuple[float, float, float]) -> Any:

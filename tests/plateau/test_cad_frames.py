@@ -10,8 +10,9 @@ import pytest
 from spinor_geom import gallery, solve_plateau
 from spinor_geom.errors import LoopsMeetError, SelfCrossingCurveError
 from spinor_geom.plateau.solution import PlateauSolution
+from tests.systems import OnUse
 
-cad = pytest.importorskip("build123d")
+cad = OnUse("build123d")
 
 SEAM = gallery.tennis_seam(0.8)
 
