@@ -27,7 +27,7 @@ class Visit:
     Attributes:
         page: playwright's page.
         errors: the errors of the page: exceptions, console errors, requests that failed.
-        foreign: requested addresses outside this machine; the requests are not answered.
+        foreign: requested addresses outside this machine. The requests are not answered.
     """
 
     page: Any

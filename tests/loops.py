@@ -33,7 +33,7 @@ def slit() -> BoundaryLoop:
 
 
 def ramp(turns: float, points: int = 160) -> BoundaryLoop:
-    """The rim of a helicoidal ramp; its helicoid has the area `ramp_area`."""
+    """The rim of a helicoidal ramp. Its helicoid has the area `ramp_area`."""
     radius, half, pitch = RAMP
     a = 2 * np.pi * turns * np.arange(points // 2) / (points // 2)
     middle = np.stack([radius * np.cos(a), radius * np.sin(a), pitch * a / (2 * np.pi)], axis=1)

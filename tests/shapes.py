@@ -80,7 +80,7 @@ def _checking(function: Callable[..., Any], hints: Mapping[str, Any]) -> Callabl
 def fields_checked(dataclass: type) -> type:
     """Checks the arrays that a dataclass is made of, unless it converts them or raises errors of its own."""
     if is_dataclass(dataclass) and not hasattr(dataclass, "__post_init__"):
-        dataclass.__init__ = arrays_checked(dataclass.__init__)  # type: ignore[method-assign]
+        dataclass.__init__ = arrays_checked(dataclass.__init__)
     return dataclass
 
 

@@ -48,7 +48,7 @@ def rigid_motions(draw: st.DrawFn, max_shift: float = 10.0) -> RigidMotion:
 
 @st.composite
 def smooth_loops(draw: st.DrawFn, min_points: int = 24, max_points: int = 120, harmonics: int = 3) -> np.ndarray:
-    """(M, 3) points of a random trigonometric curve around a unit circle, in order; its curvature is bounded."""
+    """(M, 3) points of a random trigonometric curve around a unit circle, in order. Its curvature is bounded."""
     count = draw(st.integers(min_points, max_points))
     random = np.random.default_rng(draw(SEEDS))
     t = 2 * np.pi * np.arange(count) / count
@@ -98,12 +98,8 @@ def holed_disks(draw: st.DrawFn, max_holes: int = 5) -> HoledDisk:
             holes.append(frozenset(ring))
             taken |= ring | {vertex}
     kept = ~np.isin(faces, removed).any(axis=1)
-    return HoledDisk(
-        mesh=TriangleMesh(_lifted(points, random), faces[kept]),
-        removed=tuple(removed),
-        holes=tuple(holes),
-        rim=frozenset(rim),
-    )
+    mesh = TriangleMesh(_lifted(points, random), faces[kept])
+    return HoledDisk(mesh=mesh, removed=tuple(removed), holes=tuple(holes), rim=frozenset(rim))
 
 
 @st.composite

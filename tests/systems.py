@@ -16,7 +16,7 @@ undecodable = pytest.mark.skipif(
 
 
 def every_second(values: Iterable[Any]) -> list[Any]:
-    """Parameters of a test with many similar ones; every second one is marked slow."""
+    """Parameters of a test with many similar ones. Every second one is marked slow."""
     return [pytest.param(value, marks=pytest.mark.slow if k % 2 else ()) for k, value in enumerate(values)]
 
 

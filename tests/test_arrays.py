@@ -71,13 +71,8 @@ def test_triangular_systems(factor, adjoint):
 @pytest.mark.parametrize("dtype", [np.float32, np.float64, np.complex64, np.complex128])
 def test_triangular_factors_keep_the_precision_and_solve(dtype, order):
     rng = np.random.default_rng(0)
-    rows = np.array(
-        (rng.normal(size=(9, 5, 2)) @ [1, 1j]).astype(dtype)
-        if np.dtype(dtype).kind == "c"
-        else rng.normal(size=(9, 5)),
-        dtype=dtype,
-        order=order,
-    )
+    rows = rng.normal(size=(9, 5, 2)) @ [1, 1j if np.dtype(dtype).kind == "c" else 0]
+    rows = np.array(rows, dtype=dtype, order=order)
     matrix, right = rows.conj().T @ rows, rows[:5, :2]
     tolerance = 1e3 * np.finfo(dtype).eps  # the condition number of the matrix is below 1e2
     lower = gram(rows)

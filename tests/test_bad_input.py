@@ -164,9 +164,7 @@ def test_a_bad_file_gives_one_sentence_and_status_2(
         ([], "COMMAND"),
     ],
 )
-def test_bad_arguments_are_explained_and_give_status_2(
-    capsys: pytest.CaptureFixture[str], arguments: list[str], words: str
-) -> None:
+def test_bad_arguments_are_explained(capsys: pytest.CaptureFixture[str], arguments: list[str], words: str) -> None:
     with pytest.raises(SystemExit) as stop:
         main(arguments)
     assert stop.value.code == 2
@@ -175,9 +173,7 @@ def test_bad_arguments_are_explained_and_give_status_2(
 
 @pytest.mark.parametrize("option", ["--report", "--html", "--picture"])
 @pytest.mark.parametrize("name", ["tube.obj", "o.obj"])
-def test_a_file_that_is_named_twice_is_not_lost(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str, name: str
-) -> None:
+def test_a_file_named_twice_is_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str, name: str) -> None:
     path = write(tmp_path / "tube.obj", obj_text(*tube()))
     assert main(["fill", str(path), "-o", str(tmp_path / "o.obj"), option, str(tmp_path / "x" / ".." / name)]) == 2
     assert f"{name} is given twice" in capsys.readouterr().err

@@ -96,7 +96,7 @@ def test_both_meshes_are_measured_against_the_surface_as_its_formula_has_it(know
         (comparison.baseline_to_surface, spokes(rim.points)),
     ):
         exact = known.chart.hausdorff(vertices, faces)
-        # the rims' points are fitted to 1e-3 of an edge; the chart goes on a little beyond the rim, the surface ends
+        # the rims' points are fitted to 1e-3 of an edge. The chart goes on a little beyond the rim, the surface ends
         slack = comparison.surface_error + 2e-3 * rim.mean_edge_length
         assert found.mean == pytest.approx(exact.mean, rel=0.05)
         assert found.max == pytest.approx(exact.max, rel=0.08, abs=slack)

@@ -118,7 +118,7 @@ def test_folders_that_cannot_be_flushed_are_no_error_but_broken_disks_are(
     def refuses(what: int | str | Path, *arguments: int) -> int | None:
         if os.path.isdir(what):
             raise OSError(code, os.strerror(code), None if isinstance(what, int) else str(what))
-        return real(what, *arguments)  # type: ignore[no-any-return]
+        return real(what, *arguments)
 
     monkeypatch.setattr(os, call, refuses)
 
@@ -136,9 +136,7 @@ def test_folders_that_cannot_be_flushed_are_no_error_but_broken_disks_are(
     assert (tmp_path / "deep" / "folder" / "b").read_text() == "2"
 
 
-def test_a_file_that_another_program_has_open_stays_and_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_that_another_program_has_open_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # as Windows does it: no file is replaced that is open, or read-only
     target = tmp_path / "mesh.obj"
     target.write_text("old")
@@ -154,29 +152,15 @@ def test_a_file_that_another_program_has_open_stays_and_is_named(
     assert names(tmp_path) == ["mesh.obj"]
 
 
-DEVICES = [
-    "CON",
-    "con",
-    "PRN",
-    "aux",
-    "NUL",
-    "nul.obj",
-    "Com1",
-    "LPT9.tar.gz",
-    "COM²",
-    "CONIN$",
-    "conout$.x",
-    "AUX .ply",
-]
+NAMES = ["CON", "con", "PRN", "aux", "NUL", "nul.obj", "Com1", "LPT9.tar.gz", "COM²", "CONIN$", "conout$.x", "AUX .ply"]
 
 
 def test_names_of_devices_are_written_otherwise() -> None:
-    safe = [safe_name([name]) for name in DEVICES]
+    safe = [safe_name([name]) for name in NAMES]
     assert safe[:2] == ["%43ON", "%63on"]
-    assert len(set(safe)) == len(DEVICES)
-    assert not {name.partition(".")[0].strip().lower() for name in safe} & {
-        name.partition(".")[0].strip().lower() for name in DEVICES
-    }
+    assert len(set(safe)) == len(NAMES)
+    stems, devices = ({name.partition(".")[0].strip().lower() for name in some} for some in (safe, NAMES))
+    assert not stems & devices
     assert safe_name(["NUL.obj", "aux.obj"]) == "%4EUL.obj%/%61ux.obj"
     assert safe_name([safe[0]]) != safe[0]
     harmless = ["CONE.obj", "nully", "COM10.obj", "a.con", "auxiliary.obj", "com.obj", "lpt", "CON-1.obj"]

@@ -99,9 +99,7 @@ def test_limits_hold_however_much_a_process_sends(
 @pytest.mark.parametrize(
     ("status", "crash"),
     [
-        (0, ""),
-        (1, ""),
-        (255, ""),
+        *((status, "") for status in (0, 1, 255)),
         # Windows
         (0xC0000005, "an access violation"),
         (0xC00000FD, "a stack overflow"),

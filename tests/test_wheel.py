@@ -40,19 +40,8 @@ def wheel(source: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def built_wheel(source: Path, target: Path) -> Path:
     """The wheel of a folder or of an sdist."""
-    command = [
-        sys.executable,
-        "-m",
-        "pip",
-        "wheel",
-        "--no-deps",
-        "--no-build-isolation",
-        "--quiet",
-        "-w",
-        target,
-        source,
-    ]
-    subprocess.run([str(word) for word in command], check=True, timeout=120)
+    pip = [sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation", "--quiet", "-w", target, source]
+    subprocess.run(pip, check=True, timeout=120)
     (built,) = target.glob("*.whl")
     return built
 
@@ -167,21 +156,13 @@ def test_all_has_the_packages_of_every_feature(unpacked: Path) -> None:
     assert included == set(metadata.get_all("Provides-Extra")) - {"all", "peers", "docs", "dev"}
 
 
-def test_the_wheel_works_away_from_the_source(unpacked: Path, tmp_path: Path) -> None:
+def test_the_wheel_works_away_from_the_source(unpacked: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     mesh = tmp_path / "corner.obj"
     mesh.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 3 4\nf 1 4 2\n")
-    environment = {**os.environ, "PYTHONPATH": str(unpacked)}
+    monkeypatch.setenv("PYTHONPATH", str(unpacked))
     program = "import sys; from spinor_geom.cli.main import main; sys.exit(main(sys.argv[1:]))"
     outputs = [
-        subprocess.run(
-            [sys.executable, "-c", program, *arguments],
-            cwd=tmp_path,
-            env=environment,
-            capture_output=True,
-            text=True,
-            timeout=120,
-            check=True,
-        ).stdout
+        subprocess.check_output([sys.executable, "-c", program, *arguments], cwd=tmp_path, text=True, timeout=120)
         for arguments in (["loops", str(mesh)], ["--version"])
     ]
     assert [line.split("\t")[:2] for line in outputs[0].splitlines()[1:]] == [["0", "3"]]

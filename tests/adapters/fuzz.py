@@ -117,13 +117,7 @@ def fuzz(kind: str) -> None:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / name
 
-        @settings(
-            max_examples=EXAMPLES,
-            derandomize=True,
-            deadline=None,
-            database=None,
-            suppress_health_check=list(HealthCheck),
-        )
+        @settings(max_examples=EXAMPLES, derandomize=True, deadline=None, suppress_health_check=list(HealthCheck))
         @given(strategy)
         def read(data: bytes) -> None:
             path.write_bytes(data)

@@ -406,14 +406,14 @@ GLB_FILES: Files = {
 }
 
 CASES: Files = {
-    f"{kind}, {name}.{suffix}": case
-    for kind, suffix, files in (
-        ("OBJ", "obj", OBJ_FILES),
-        ("PLY", "ply", PLY_FILES),
-        ("OFF", "off", OFF_FILES),
-        ("STL", "stl", STL_FILES),
-        ("GLB", "glb", GLB_FILES),
-    )
+    f"{kind}, {name}.{kind.lower()}": case
+    for kind, files in {
+        "OBJ": OBJ_FILES,
+        "PLY": PLY_FILES,
+        "OFF": OFF_FILES,
+        "STL": STL_FILES,
+        "GLB": GLB_FILES,
+    }.items()
     for name, case in files.items()
 } | {
     f"{kind} in another format's name.{suffix}": (content, words)

@@ -25,7 +25,7 @@ class Shell(NamedTuple):
 
 
 class Kind(NamedTuple):
-    """A type: `made` of vertices and faces; `held` are its rows for vertices, its rows for faces, and all else."""
+    """A type: `made` of vertices and faces. `held` are its rows for vertices, its rows for faces, and all else."""
 
     made: Callable[[np.ndarray, np.ndarray], Any]
     held: Callable[[Any], tuple[Arrays, Arrays, dict[str, Any]]]

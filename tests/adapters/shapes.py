@@ -27,13 +27,13 @@ CUBE_QUADS = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [
 
 
 def open_cube(dtype: type = np.float64) -> tuple[np.ndarray, np.ndarray]:
-    """The cube's triangles without its top z = 1; the hole is 1, 3, 7, 5 seen from above."""
+    """The cube's triangles without its top z = 1. The hole is 1, 3, 7, 5 seen from above."""
     quads = CUBE_QUADS[:-1]
     return CUBE_POINTS.astype(dtype), np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
 
 
 def quad_lines(corner: str = "{0}") -> str:
-    """The open cube's quads as lines of an OBJ file; `corner` is the pattern of a corner with the index i."""
+    """The open cube's quads as lines of an OBJ file. `corner` is the pattern of a corner with the index i."""
     return "".join("f " + " ".join(corner.format(i) for i in quad) + "\n" for quad in (CUBE_QUADS[:-1] + 1).tolist())
 
 
@@ -137,11 +137,7 @@ def glb_file(primitives: list[dict[str, np.ndarray]], **tree: object) -> bytes:
         if "indices" in accessors:
             entry["indices"] = accessors["indices"]
         entries.append(entry)
-    container.tree |= {
-        "scene": 0,
-        "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0}],
-        "meshes": [{"primitives": entries}],
-    }
+    container.tree |= {"scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}]}
+    container.tree["meshes"] = [{"primitives": entries}]
     container.tree |= tree
     return container.encoded()

@@ -95,9 +95,8 @@ def test_new_vertices_and_faces_have_what_is_beside_them() -> None:
     mesh.polygons.foreach_set("material_index", [0, 1, 1, 1, 0])
     mesh.shade_smooth()
     before = to_mesh(cube)
-    assert set(before.vertex_attributes) == {
-        *("attribute map", "attribute paint", "vertex group 0", "shape key Basis", "shape key high")
-    }
+    expected = {"attribute map", "attribute paint", "vertex group 0", "shape key Basis", "shape key high"}
+    assert set(before.vertex_attributes) == expected
     closed = extend(cube, lid_for(before)).data
     corners = [corner for face in list(closed.polygons)[5:] for corner in face.loop_indices]
     for corner in corners:

@@ -79,11 +79,9 @@ def test_curves_are_on_their_edges_to_rounding(made: Callable[[], Any], corners:
 
 @given(seed=SEEDS)
 def test_edges_in_any_order_and_direction_form_the_loop(seed: int) -> None:
-    random = np.random.default_rng(seed)
+    rng = np.random.default_rng(seed)
     edges = list(cad.RectangleRounded(4, 2, 0.5).edges())
-    mixed = [
-        edges[k] if random.random() < 0.5 else cad.Edge(edges[k].wrapped.Reversed()) for k in random.permutation(8)
-    ]
+    mixed = [edges[k] if rng.random() < 0.5 else cad.Edge(edges[k].wrapped.Reversed()) for k in rng.permutation(8)]
     (rim,) = to_rims(mixed)
     assert (rim.edges, rim.kind, rim.corners) == (8, "edges", ())
     assert rim.length == pytest.approx(8 + np.pi)

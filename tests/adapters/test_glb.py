@@ -137,10 +137,8 @@ def test_rim_vertices_of_another_material_are_copied_bit_by_bit(tmp_path: Path, 
 
 def test_transformed_nodes_are_read_in_scene_coordinates_and_written_in_their_own(tmp_path: Path) -> None:
     angle = np.pi / 6
-    nodes = [
-        {"children": [1], "rotation": [0, 0, np.sin(angle), np.cos(angle)], "translation": [10, 0, 0]},
-        {"mesh": 0, "scale": [2, 2, 2]},
-    ]
+    turned = {"rotation": [0, 0, np.sin(angle), np.cos(angle)], "translation": [10, 0, 0]}
+    nodes = [{"children": [1], **turned}, {"mesh": 0, "scale": [2, 2, 2]}]
     file = parsed(glb_file([{**unwelded()}], nodes=nodes))
     turn = np.array([[0.5, -np.sqrt(0.75), 0], [np.sqrt(0.75), 0.5, 0], [0, 0, 1]])
     assert np.allclose(file.mesh.vertices, 2 * unwelded()["POSITION"] @ turn.T + [10, 0, 0], atol=1e-14)
@@ -168,9 +166,7 @@ def test_instances_are_read_once_each_and_only_the_filled_one_grows(tmp_path: Pa
 
 
 def test_quantized_positions_are_rounded_to_their_grid(tmp_path: Path) -> None:
-    data = glb_file(
-        [{"POSITION": np.hstack([VERTICES, np.zeros((8, 1))])[:, :3].astype(np.int16) * 300, "indices": INDICES}]
-    )
+    data = glb_file([{"POSITION": VERTICES.astype(np.int16) * 300, "indices": INDICES}])
     file = parsed(glb_with(lambda tree: tree["accessors"][0].update(normalized=True), data))
     assert np.allclose(file.mesh.vertices, VERTICES * 300 / 32767)
     cover = lid_over(file.mesh)
@@ -248,7 +244,7 @@ def test_unknown_chunks_are_kept(tmp_path: Path) -> None:
 
 
 def test_colours_of_vertices_and_materials_are_linear(tmp_path: Path) -> None:
-    """As glTF defines them; the value 0.5 of sRGB is 0.2140 of the light."""
+    """As glTF defines them. The value 0.5 of sRGB is 0.2140 of the light."""
     ball = trimesh.creation.icosphere(subdivisions=1)
     ball.visual = trimesh.visual.TextureVisuals(material=PBRMaterial(baseColorFactor=[0.5, 1.0, 0.0, 1.0]))
     ball.export(tmp_path / "factor.glb")

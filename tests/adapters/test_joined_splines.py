@@ -59,7 +59,7 @@ def test_circle_has_the_parameter_of_its_angle() -> None:
 
 @pytest.mark.parametrize(("turn", "corners"), [(0.0, 2), (5e-4, 2), (2e-3, 3)])
 def test_small_turns_are_joints(turn: float, corners: int) -> None:
-    """Imported edges meet with small angles; those up to SMOOTH_TURN = 1e-3 are no corners."""
+    """Imported edges meet with small angles. Those up to SMOOTH_TURN = 1e-3 are no corners."""
     curve = polygon((0, 0, 0), (1, 0, 0), (2, np.tan(turn), 0), (1, 2, 0)).curve()
     assert len(curve.corners) == corners + 1
     fitted = BoundaryCurve.from_formula(curve)
@@ -73,7 +73,7 @@ def test_random_splines_have_unit_speed_and_pass_their_own_points(seed: int, deg
     joined = JoinedSplines.of([first, back])
     curve = joined.curve()
     s = np.random.default_rng(seed).random(50)
-    # SPEED_ERROR = 1e-12 of the largest speed; the slowest is hundreds of times slower
+    # SPEED_ERROR = 1e-12 of the largest speed. The slowest is hundreds of times slower
     np.testing.assert_allclose(np.linalg.norm(curve.derivative(s), axis=1), joined.length, rtol=1e-8)
     fitted = BoundaryCurve.from_formula(curve)  # compares the derivatives with those of the points
     own = first.point(np.linspace(0, 1, 40))
@@ -87,10 +87,8 @@ def test_curves_move_with_their_poles(motion: RigidMotion, seed: int) -> None:
     """Far from the origin too, where coordinates have larger rounding errors."""
     spline = random_spline(seed, 3, 4)
     moved = NurbsCurve(knots=spline.knots, control_points=motion(spline.control_points), weights=spline.weights)
-    one, other = (
-        BoundaryCurve.from_formula(JoinedSplines.of([each, line(each.ends[1], each.ends[0], 3)]).curve())
-        for each in (spline, moved)
-    )
+    splines = (JoinedSplines.of([each, line(each.ends[1], each.ends[0], 3)]) for each in (spline, moved))
+    one, other = (BoundaryCurve.from_formula(each.curve()) for each in splines)
     s = np.linspace(0, 1, 20)
     np.testing.assert_allclose(other.point(s), motion(one.point(s)), atol=1e-10)  # 1e4 times the rounding error
     np.testing.assert_allclose(spline.reversed().point(s), spline.point(1 - s), atol=1e-13)

@@ -11,7 +11,7 @@ import pytest
 
 from tests.adapters.malformed import CASES
 
-SECONDS = 20.0  # for each file, on a busy machine; all take less than one on an idle one
+SECONDS = 20.0  # for each file, on a busy machine. All take less than one on an idle one
 
 
 @pytest.fixture(scope="module")

@@ -71,7 +71,7 @@ def test_files_of_trimesh_are_read_and_written_as_by_trimesh(tmp_path: Path, enc
         np.testing.assert_allclose(file.mesh.vertices[file.mesh.faces], corners, rtol=1e-6, atol=1e-8)
         if encoding[-3:] in ("ply", "glb"):
             np.testing.assert_allclose(file.mesh.vertex_attributes["color"], other.visual.vertex_colors, atol=1)
-    # nothing added gives the same bytes; of a part of them nothing is made up
+    # nothing added gives the same bytes. Of a part of them nothing is made up
     file.write(tmp_path / f"same{path.suffix}")
     data = path.read_bytes()
     assert (tmp_path / f"same{path.suffix}").read_bytes() == data or encoding == ".stl"
@@ -114,9 +114,8 @@ def test_merged_closes_a_soup_and_keeps_polygons_and_curves(tmp_path: Path) -> N
     merged.write(tmp_path / "merged.obj")
     back = read_mesh(tmp_path / "merged.obj")
     assert back.polygons.rows() == merged.polygons.rows()
-    assert [curve.tolist() for curve in back.contents.polylines] == [
-        curve.tolist() for curve in merged.contents.polylines
-    ]
+    lines, wanted = ([curve.tolist() for curve in file.contents.polylines] for file in (back, merged))
+    assert lines == wanted
     assert "mtllib" not in (tmp_path / "merged.obj").read_text()
 
 
@@ -193,7 +192,7 @@ def test_a_file_that_was_read_is_closed_so_that_windows_lets_it_be_replaced(suff
 
 
 def with_unused_nan(path: Path) -> Path:
-    """The open cube with three vertices more, NaN or infinite, in the middle of its vertices; no face uses them."""
+    """The open cube with three vertices more, NaN or infinite, in the middle of its vertices. No face uses them."""
     points = np.insert(CUBE_POINTS, [3, 3, 5], [[np.nan] * 3, [0, np.inf, 0], [-np.inf, np.nan, 1]], axis=0)
     quads = CUBE_QUADS[:-1]
     quads = quads + 2 * (quads >= 3) + (quads >= 5)
@@ -202,9 +201,8 @@ def with_unused_nan(path: Path) -> Path:
         text = "".join(f"v {row}\n" for row in rows) + "vt nan nan\nvn nan 0 0\n"
         text += "".join(f"f {' '.join(map(str, quad))}\n" for quad in (quads + 1).tolist())
     elif path.suffix == ".off":
-        text = "\n".join(
-            ["OFF", f"{len(points)} 5 0", *rows, *(f"4 {' '.join(map(str, quad))}" for quad in quads.tolist())]
-        )
+        faces = (f"4 {' '.join(map(str, quad))}" for quad in quads.tolist())
+        text = "\n".join(["OFF", f"{len(points)} 5 0", *rows, *faces])
     else:
         data = pyvista.PolyData.from_regular_faces(points, quads)
         if path.suffix == ".vtk":

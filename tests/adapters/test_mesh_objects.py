@@ -32,9 +32,8 @@ def open3d() -> Any:
 
 
 def made(open3d: Any, vertices: np.ndarray, faces: np.ndarray) -> Any:
-    return open3d.geometry.TriangleMesh(
-        open3d.utility.Vector3dVector(vertices), open3d.utility.Vector3iVector(faces.astype(np.int32))
-    )
+    triangles = open3d.utility.Vector3iVector(faces.astype(np.int32))
+    return open3d.geometry.TriangleMesh(open3d.utility.Vector3dVector(vertices), triangles)
 
 
 def test_normals_and_neighbours_of_an_open3d_mesh_are_computed_again(open3d: Any) -> None:

@@ -88,14 +88,8 @@ def test_round_trip_is_bit_exact(
 ) -> None:
     random = np.random.default_rng(seed)
     rows = random.normal(size=(7, 6 if colored else 3)) * 10.0 ** random.integers(-20, 20)
-    lines = [
-        "# head",
-        "mtllib none.mtl",
-        *("v " + " ".join(map(repr, row)) for row in rows.tolist()),
-        "usemtl a b",
-        "f 1 2 3",
-        "f 4 5 6 7",
-    ]
+    vertices = ("v " + " ".join(map(repr, row)) for row in rows.tolist())
+    lines = ["# head", "mtllib none.mtl", *vertices, "usemtl a b", "f 1 2 3", "f 4 5 6 7"]
     text = newline.join(lines) + ("" if open_end else newline)
     file = parsed(text)
     assert np.array_equal(file.mesh.vertices, rows[:, :3])

@@ -17,25 +17,10 @@ from spinor_geom.errors import MeshFileError
 from tests.adapters.shapes import extension
 
 LINES = (
-    "v 0 0 0 1 0 0",
-    "v 1 0 0.5 0 1 0",
-    "v 1 1 -2e-3 0 0 1",
-    "vt 0.5 1",
-    "vn 0 0 1",
-    "f 1 2 3",
-    "f -3 -2 -1",
-    "f 1/1/1 2/1/1 3/1/1 2",
-    "f 1 2 \\",
-    "l 1 2",
-    "l -1 \\",
-    "2 3",
-    "o body # not this",
-    "g left  lower",
-    "g",
-    "usemtl steel",
-    "# v 9 9 9 \\",
-    "",
-)
+    "v 0 0 0 1 0 0\nv 1 0 0.5 0 1 0\nv 1 1 -2e-3 0 0 1\nvt 0.5 1\nvn 0 0 1\nf 1 2 3\nf -3 -2 -1\n"
+    "f 1/1/1 2/1/1 3/1/1 2\n"
+    "f 1 2 \\\nl 1 2\nl -1 \\\n2 3\no body # not this\ng left  lower\ng\nusemtl steel\n# v 9 9 9 \\\n\n"
+).splitlines()
 
 
 def read(text: str) -> FileContents | str:
@@ -67,11 +52,9 @@ def same(one: FileContents, other: FileContents) -> bool:
         )
         for text in (one, other)
     ]
-    return (
-        len(arrays[0]) == len(arrays[1])
-        and all(map(np.array_equal, *arrays))
-        and all(getattr(one, name) == getattr(other, name) for name in PLAIN)
-    )
+    if len(arrays[0]) != len(arrays[1]) or not all(map(np.array_equal, *arrays)):
+        return False
+    return all(getattr(one, name) == getattr(other, name) for name in PLAIN)
 
 
 @given(

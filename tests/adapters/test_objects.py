@@ -130,9 +130,7 @@ def broken_poly_data() -> pyvista.PolyData:
         (broken_poly_data(), VertexIndexError, None),
     ],
 )
-def test_what_is_no_mesh_of_triangles_in_space_is_refused(
-    mesh: Any, error: type[Exception], advice: str | None
-) -> None:
+def test_what_is_no_mesh_of_triangles_is_refused(mesh: Any, error: type[Exception], advice: str | None) -> None:
     with pytest.raises(error, match=advice):
         to_mesh(mesh)
 

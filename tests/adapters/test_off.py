@@ -55,9 +55,8 @@ def test_round_trip_keeps_normals_colors_and_texture(
     random = np.random.default_rng(seed)
     points, normals, uv = random.normal(size=(5, 3)), random.normal(size=(5, 3)), random.uniform(size=(5, 2))
     colors = random.integers(0, 256, (5, 4)) if integers else random.uniform(size=(5, 4))
-    rows = [
-        [*chain(*parts)] for parts in zip(points.tolist(), normals.tolist(), colors.tolist(), uv.tolist(), strict=True)
-    ]
+    columns = (values.tolist() for values in (points, normals, colors, uv))
+    rows = [[*chain(*parts)] for parts in zip(*columns, strict=True)]
     text = "STCNOFF\n5 2 0\n" + "".join(" ".join(map(repr, row)) + "\n" for row in rows) + "3 0 1 2\n4 2 1 3 4 9 9 9\n"
     file = parsed(text)
     attributes = file.mesh.vertex_attributes

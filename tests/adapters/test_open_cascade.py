@@ -21,9 +21,7 @@ def square(left: float, size: float = 1.0) -> SimpleNamespace:
 
 @pytest.mark.parametrize("suffix", CAD_SUFFIXES)
 @pytest.mark.parametrize("squares", [1, 2])
-def test_shells_survive_a_round_trip(
-    tmp_path: Path, suffix: str, squares: int, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_shells_come_back(tmp_path: Path, suffix: str, squares: int, capfd: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("OCP")
     path = tmp_path / f"squares{suffix.upper()}"
     write_shape(sewn_shell([square(k) for k in range(squares)]), path)
@@ -42,7 +40,7 @@ def test_bad_shells_and_files_are_errors(tmp_path: Path, capfd: pytest.CaptureFi
     with pytest.raises(CadFileError, match="too short"):
         sewn_shell([square(0, 1e-6)])
     with pytest.raises(OptionError, match="unit must be one of"):
-        sewn_shell([square(0)], unit="yard")  # type: ignore[arg-type]
+        sewn_shell([square(0)], unit="yard")
     with pytest.raises(CadFileError, match="no such file"):
         read_shape(tmp_path / "none.step")
     (tmp_path / "text.step").write_text("no STEP file")

@@ -194,10 +194,8 @@ def strips_ply(encoding: str, kind: str, strips: list[list[int]], faces: list[li
     if encoding == "ascii":
         rows = newline.join([*(" ".join(map(str, [len(strip), *strip])) for strip in strips), ""]).encode()
     else:
-        rows = b"".join(
-            np.array([len(strip)], order + "i4").tobytes() + np.array(strip, order + NUMPY[kind]).tobytes()
-            for strip in strips
-        )
+        count, item = order + "i4", order + NUMPY[kind]
+        rows = b"".join(np.array([len(strip)], count).tobytes() + np.array(strip, item).tobytes() for strip in strips)
     return head + newline.join(declared).encode() + data + rows
 
 

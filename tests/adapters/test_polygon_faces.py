@@ -88,7 +88,7 @@ THREE = np.concatenate([SPLIT, SPLIT[[1, 0]], [[0, 0, 1.0]]])
         # equal vertices stay apart
         (SPLIT, [0, 0, 0, 0, 0, 0], SIDES, range(6)),
         (SPLIT, None, SIDES, range(6)),
-        # a seam that ends at equal vertices is a slit; it may end at a shared vertex
+        # a seam that ends at equal vertices is a slit. It may end at a shared vertex
         (SPLIT, [0, 0, 0, 1, 0, 0], SIDES, range(6)),
         (SPLIT, [0, 0, 0, 1, 1, 0], [[0, 1, 2], [3, 0, 5]], [0, 1, 2, 1, 4, 5]),
         # pieces that touch in a vertex, or face each other wrongly

@@ -93,9 +93,7 @@ def test_a_glb_file_far_from_the_origin_has_an_offset_that_every_reader_adds(
 
 
 @ROUNDED
-def test_vertices_too_near_or_coordinates_too_small_for_single_precision_are_refused(
-    tmp_path: Path, suffix: str
-) -> None:
+def test_vertices_too_near_or_coordinates_too_small_for_floats_are_refused(tmp_path: Path, suffix: str) -> None:
     file = mesh_at(tmp_path, np.zeros(3))
     near = np.array(file.mesh.vertices)
     near[1] = near[0] + [1e-12, 0, 0]

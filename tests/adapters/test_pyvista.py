@@ -20,13 +20,12 @@ def polygons_in(mesh: pyvista.DataSet) -> list[list[int]]:
 
 
 def test_points_and_lines_beside_the_faces_stay_with_their_data() -> None:
-    cube = pyvista.PolyData(
-        CUBE_POINTS, faces=[4, 0, 1, 3, 2, 4, 4, 6, 7, 5], lines=[2, 0, 4, 3, 0, 4, 5], verts=[1, 6]
-    )
+    quads, lines = [4, 0, 1, 3, 2, 4, 4, 6, 7, 5], [2, 0, 4, 3, 0, 4, 5]
+    cube = pyvista.PolyData(CUBE_POINTS, faces=quads, lines=lines, verts=[1, 6])
     cube.cell_data["part"] = [7, 8, 8, 1, 2]  # VTK's order: points, lines, faces
     assert len(to_mesh(cube).faces) == 4
     closed = extend(cube, lid())
-    assert closed.lines.tolist() == [2, 0, 4, 3, 0, 4, 5]
+    assert closed.lines.tolist() == lines
     assert closed.verts.tolist() == [1, 6]
     assert closed.cell_data["part"].tolist() == [7, 8, 8, 1, 2, 8, 8, 8, 8]
     mixed = cube.cast_to_unstructured_grid()

@@ -53,11 +53,8 @@ def test_round_trip_is_bit_exact(seed: int, text: bool) -> None:
     )
     binary = np.zeros(5, dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
     binary["corners"] = corners
-    data = (
-        f"solid vertex 1 2 3\n{words}endsolid\n".encode()
-        if text
-        else b"solid".ljust(80) + b"\5\0\0\0" + binary.tobytes()
-    )
+    solid = f"solid vertex 1 2 3\n{words}endsolid\n".encode()
+    data = solid if text else b"solid".ljust(80) + b"\5\0\0\0" + binary.tobytes()
     contents = read_stl(data)
     assert contents.vertices.tobytes() == corners.astype(float).tobytes()
     assert read_stl(encode_stl(contents)).vertices.tobytes() == contents.vertices.tobytes()

@@ -335,7 +335,7 @@ def test_a_texture_that_is_not_shown_is_told(
     with pytest.warns(HiddenTextureWarning, match=told):
         assert skin_of(file, file.mesh) == {}
     with warnings.catch_warnings():
-        warnings.resetwarnings()  # the command shows warnings; they are errors in tests
+        warnings.resetwarnings()  # the command shows warnings. They are errors in tests
         assert main(["loops", str(tmp_path / "cube.obj"), "--html", str(tmp_path / "loops.html")]) == 0
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("spinor-geom: the texture is not shown: ")

@@ -193,9 +193,7 @@ def test_a_bridge_between_two_meshes_is_written_with_copies_of_the_other_rim(tmp
         ({ROOT: '<?xml version="1.0" encoding="utf-7"?><model/>'}, "3dmodel.model: is not valid XML"),
     ],
 )
-def test_a_broken_package_is_an_error_with_the_part_and_the_place(
-    tmp_path: Path, parts: dict[str, str], problem: str
-) -> None:
+def test_a_broken_package_is_an_error_with_part_and_place(tmp_path: Path, parts: dict[str, str], problem: str) -> None:
     with pytest.raises(MeshFileError, match=rf"broken\.3mf.*{problem}"):
         read_mesh(packed(tmp_path / "broken.3mf", parts))
 

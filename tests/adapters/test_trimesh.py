@@ -74,10 +74,8 @@ def test_truth_values_and_face_materials_are_carried() -> None:
 
 
 def test_attributes_that_clash_or_are_no_numbers() -> None:
-    cube = plain(
-        *open_cube(),
-        vertex_attributes={"color": np.arange(8.0), "word": np.array(list("abcdefgh")), "wave": np.ones(8) * 1j},
-    )
+    words, wave = np.array(list("abcdefgh")), np.ones(8) * 1j
+    cube = plain(*open_cube(), vertex_attributes={"color": np.arange(8.0), "word": words, "wave": wave})
     mesh = to_mesh(cube)
     assert set(mesh.vertex_attributes) == {"attribute color"}
     closed = extend(cube, lid_for(mesh))

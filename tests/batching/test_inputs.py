@@ -97,19 +97,10 @@ def test_members_of_one_name_are_numbered(tmp_path: Path, suffix: str) -> None:
     names = ["a.obj", "./a.obj", "b/c.obj", "a.obj", "A.obj", "b\\c.obj", "b//c.obj", "a.obj~2/d.obj", "a.obj%~2/d.obj"]
     path = tmp_path / f"p{suffix}"
     entries = [(name, f"v {number} 0 0\n".encode()) for number, name in enumerate(names)]
-    (packed_zip if suffix == ".zip" else packed_tar)(path, entries)  # type: ignore[operator]
+    (packed_zip if suffix == ".zip" else packed_tar)(path, entries)
     found = list(listed([str(path)]))
-    assert [source.key.removeprefix(f"p{suffix}/") for source in found] == [
-        "a.obj",
-        "a.obj%~2",
-        "b/c.obj",
-        "a.obj%~3",
-        "A.obj%~4",
-        "b/c.obj%~2",
-        "b/c.obj%~3",
-        "a.obj~2/d.obj",
-        "a.obj%25~2/d.obj",
-    ]
+    keys_there = " ".join(source.key.removeprefix(f"p{suffix}/") for source in found)
+    assert keys_there == "a.obj a.obj%~2 b/c.obj a.obj%~3 A.obj%~4 b/c.obj%~2 b/c.obj%~3 a.obj~2/d.obj a.obj%25~2/d.obj"
     reader = ArchiveReader()
     for source, (_, data) in zip(found, entries, strict=True):
         assert content(reader, source) == data
@@ -182,12 +173,8 @@ def test_patterns_leave_hidden_files_alone_unless_they_name_them(folder: Path) -
 @pytest.mark.parametrize(
     ("name", "text"),
     [
-        ("a.csv", "file\nb.obj\n"),
-        ("a.csv", ""),
-        ("a.csv", "path\n" + "x" * (2 << 20)),
-        ("a.jsonl", "{"),
-        ("a.jsonl", "[" * 100_000),
-        ("a.jsonl", "\udcff"),
+        *(("a.csv", text) for text in ("file\nb.obj\n", "", "path\n" + "x" * (2 << 20))),
+        *(("a.jsonl", text) for text in ("{", "[" * 100_000, "\udcff")),
     ],
 )
 def test_broken_manifests_are_one_problem(tmp_path: Path, name: str, text: str) -> None:

@@ -31,9 +31,8 @@ def corpus(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name in (ODD, "roof.obj", "sub/roof.obj"):
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_text(holed_text())
-    (folder / "nan.obj").write_text(
-        holed_text().replace("g south", "v nan nan nan\ng south").replace("-3 -2 -1", "3 4 5")
-    )
+    text = holed_text().replace("g south", "v nan nan nan\ng south").replace("-3 -2 -1", "3 4 5")
+    (folder / "nan.obj").write_text(text)
     (folder / "far.obj").write_text(re.sub(r"^v 1 ", "v 1e7 ", holed_text(), flags=re.MULTILINE))
     (folder / "closed.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n")
     (folder / "curve.obj").write_text(curve_text(circle(12)))
@@ -90,16 +89,13 @@ def test_a_resumed_batch_draws_only_what_is_missing(drawn: BatchResult, corpus: 
     again = batch(corpus, output, pictures=True, resume=True, workers=1)
     assert all(path.is_file() for path in lost)
     folders = {path.parent for path in lost}
-    assert {path for path, time in written.items() if path.stat().st_mtime_ns != time} == {
-        folder / PICTURE for folder in folders
-    }
+    changed = {path for path, time in written.items() if path.stat().st_mtime_ns != time}
+    assert changed == {folder / PICTURE for folder in folders}
     assert (results(output).keys(), again.progress.files) == (results(drawn.output).keys(), drawn.progress.files)
     assert (output / PROGRAM).read_bytes() == (drawn.output / PROGRAM).read_bytes()
 
 
-def test_a_mesh_that_cannot_be_drawn_is_filled_and_has_a_page(
-    corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_cannot_be_drawn_has_a_page(corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     block = "import sys\nif 'spinor_geom.render.png' in sys.orig_argv: sys.modules['pyvista'] = None\n"
     (tmp_path / "sitecustomize.py").write_text(block)
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), os.environ["PYTHONPATH"]]))
@@ -114,9 +110,7 @@ def test_a_mesh_that_cannot_be_drawn_is_filled_and_has_a_page(
     assert re.search(r'<a href="files/roof.obj/page.html"><svg', text)
 
 
-def test_the_extra_is_asked_for_before_anything_is_made(
-    corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_extra_is_asked_for_first(corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None if name == "pyvista" else object())
     with pytest.raises(MissingPackageError, match="render"):
         batch(corpus, tmp_path / "out", pictures=True)

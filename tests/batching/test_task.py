@@ -83,7 +83,6 @@ def test_a_patch_has_the_loop_as_its_rim_and_the_surface_can_be_loaded(tmp_path:
     np.testing.assert_array_equal(np.sort(rim.points, axis=0), np.sort(circle(40), axis=0))
     (solved_alone,) = solved_loops([BoundaryLoop.from_points(circle(40))], FillOptions(), is_rim=False)
     alone = solved_alone.solution
-    assert alone is not None
     surface = ArraySurface.load(folder / "loop-0-ring.safetensors")
     z = alone.domain.triangulation.points
     np.testing.assert_array_equal(surface.position(z), alone.array_surface.position(z))
@@ -129,13 +128,12 @@ def test_holes_can_be_continued_and_curves_stay_minimal(tmp_path: Path) -> None:
     vertices, faces = cylinder(16, 4)
     lines = "".join("f " + " ".join(map(str, face)) + "\n" for face in (faces + 1).tolist())
     path = tmp_path / "tube.obj"
-    path.write_text(
-        vertex_lines(vertices) + lines + vertex_lines(circle(12)) + "l -12 -11 -10 -9 -8 -7 -6 -5 -4 -3 -2 -1 -12\n"
-    )
+    around = "l -12 -11 -10 -9 -8 -7 -6 -5 -4 -3 -2 -1 -12\n"
+    path.write_text(vertex_lines(vertices) + lines + vertex_lines(circle(12)) + around)
     solved([path], tmp_path / "out", continuity="C1", compare=True)
     *holes, curve = record(tmp_path / "out", "tube.obj")["loops"]
     assert [hole["continuation"]["started_from"] for hole in holes] == ["discrete", "discrete"]
-    # two domes over circles of radius 1; the lids have π each
+    # two domes over circles of radius 1. The lids have π each
     assert all(hole["area"] > 3.5 and hole["comparison"] is None for hole in holes)
     assert (curve["origin"], curve["kind"], curve["continuation"]) == ("curve", "minimal", None)
     assert curve["comparison"] is not None
@@ -193,9 +191,8 @@ def test_broken_files_fail_for_a_reason_and_alone(tmp_path: Path, what: str) -> 
     assert all(one["reason"] or one["first"] for one in done if one["status"] != "done")
     # nothing but the results of each
     assert {path.name for path in tmp_path.iterdir()} == {"in", "out"}
-    assert {path.parent.name for path in (tmp_path / "out" / "files").rglob("record.json")} == {
-        path.name for path in folder.iterdir()
-    }
+    records = (tmp_path / "out" / "files").rglob("record.json")
+    assert {path.parent.name for path in records} == {path.name for path in folder.iterdir()}
 
 
 @dataclass(frozen=True)
@@ -321,11 +318,8 @@ def test_a_crash_costs_only_the_file_that_causes_it(process: Callable[..., dict[
     done = process([folder], tmp_path / "out", retries=0)
     assert done["stop"] == ""
     found = {one["key"].removeprefix("in/"): (one["status"], one["reason"]) for one in done["finished"]}
-    assert found == {
-        "crash.obj": ("fault", "its process died by SIGSEGV"),
-        "curve000.obj": ("done", ""),
-        "curve001.obj": ("done", ""),
-    }
+    done = {f"curve00{k}.obj": ("done", "") for k in (0, 1)}
+    assert found == {"crash.obj": ("fault", "its process died by SIGSEGV"), **done}
     assert record(tmp_path / "out", "in/crash.obj")["reason"] == "its process died by SIGSEGV"
 
 

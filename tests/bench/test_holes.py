@@ -74,7 +74,7 @@ def test_our_fill_joins_islands_and_facing_rims_where_a_surface_does(name, patch
 
 
 def require_peer(package):
-    """Skips where a package is not installed, unless SPINOR_GEOM_PEERS=required; one that cannot be imported fails."""
+    """Skips where a package is not installed, unless SPINOR_GEOM_PEERS=required. One that cannot be imported fails."""
     if importlib.util.find_spec(package) is None:
         message = f"{package} is not installed: pip install '.[peers]'"
         if os.environ.get("SPINOR_GEOM_PEERS") == "required":
@@ -119,11 +119,8 @@ def test_samplings_keep_the_answer():
         edges = known_case(f"{name}@uneven").loop(200).edge_lengths
         assert edges.max() / edges.min() > 3
         assert known_case(f"{name}@even").area == known_case(name).area
-    for wrong, message in (
-        ("scherk@even", "samplings"),
-        ("random-2@formula", "samplings"),
-        ("ennneper", "random-SEED"),
-    ):
+    messages = {"scherk@even": "samplings", "random-2@formula": "samplings", "ennneper": "random-SEED"}
+    for wrong, message in messages.items():
         with pytest.raises(OptionError, match=message):
             known_case(wrong)
     assert known_case("random-77").area > 0

@@ -1,4 +1,4 @@
-"""Objects of Blender, and what their meshes hold as arrays; modules that import this are skipped without `bpy`."""
+"""Objects of Blender, and what their meshes hold as arrays. Modules that import this are skipped without `bpy`."""
 
 from __future__ import annotations
 

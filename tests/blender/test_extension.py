@@ -27,8 +27,6 @@ FILLS = ("fill_minimal", "fill_smooth", "fill_automatic")
 @pytest.fixture(scope="module")
 def extension() -> Any:
     spec = importlib.util.spec_from_file_location("blender_extension", ROOT / "blender" / "__init__.py")
-    assert spec is not None
-    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[module.__name__] = module
     spec.loader.exec_module(module)

@@ -20,9 +20,7 @@ def write(path: Path, content: object) -> str:
 
 
 @pytest.mark.parametrize("suffix", [".obj", ".step"])
-def test_half_a_square_of_cables_becomes_a_film_with_forces(
-    suffix: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_half_a_square_has_a_film_and_forces(suffix: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     if suffix == ".step":
         pytest.importorskip("OCP")
     frame = write(tmp_path / "frame.json", {"edges": [SIDES[1], DIAGONAL, SIDES[0]]})
@@ -67,9 +65,7 @@ def test_half_a_square_of_cables_becomes_a_film_with_forces(
         ({"edges": SIDES}, "edge 1 ends"),
     ],
 )
-def test_a_bad_frame_is_one_sentence(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], content: object, message: str
-) -> None:
+def test_a_bad_frame_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str], content: object, message: str) -> None:
     frame = write(tmp_path / "frame.json", content)
     assert main(["membrane", frame, "-o", str(tmp_path / "tent.obj")]) == 2
     error = capsys.readouterr().err

@@ -81,9 +81,7 @@ def test_what_cannot_be_drawn_is_one_sentence(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_without_a_display_view_fails_with_advice(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_view_without_a_display_advises(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr("sys.platform", "linux")
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
@@ -93,9 +91,7 @@ def test_without_a_display_view_fails_with_advice(
     assert len(error.splitlines()) == 1
 
 
-def test_a_window_gets_the_mesh_its_rims_and_its_curvature(
-    saved: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_window_gets_mesh_rims_and_curvature(saved: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shown: list[tuple[Any, ...]] = []
     monkeypatch.setenv("DISPLAY", ":0")
     monkeypatch.setattr(pictures, "draw_apart", lambda *job, time_limit: shown.append(job))
@@ -127,7 +123,6 @@ def test_the_upward_axis_is_that_of_the_format_in_all_commands(tmp_path: Path, m
         up = np.array([0, 1, 0] if is_turned else [0, 0, 1])
         _, report = fill_hole(path, [], return_report=True)
         for scene in (fill_scene(report)[0], loops_scene(report.original, [], up=up_of(report))[0]):
-            assert scene.camera is not None
             assert scene.camera.up @ up >= 0
             side = np.array([1.0, 0.0, 0.0])
             assert Camera.facing(mesh.mesh.vertices, side, up_of(report)).up @ up == 1

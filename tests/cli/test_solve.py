@@ -64,10 +64,8 @@ def test_bad_input_is_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture
     pytest.importorskip("OCP")
     film = str(tmp_path / "film.step")
     apart = write_obj(tmp_path / "apart.obj", circle(40), circle(40, height=9))
-    for path, message in (
-        (write_obj(tmp_path / "open.obj", circle(40), closed=False), "curve 0: the curve is open"),
-        (apart, "solve the curves one by one"),
-    ):
+    opened = write_obj(tmp_path / "open.obj", circle(40), closed=False)
+    for path, message in ((opened, "curve 0: the curve is open"), (apart, "solve the curves one by one")):
         assert main(["solve", str(path), "-o", film]) == 2
         error = capsys.readouterr().err
         assert message in error

@@ -24,9 +24,7 @@ def frame(tmp_path: Path) -> Path:
     return tmp_path / "frame.step"
 
 
-def test_edges_of_a_step_file_become_a_surface_at_their_position(
-    frame: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_edges_of_a_step_file_become_a_surface_in_their_place(frame: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = frame.parent / "new" / "film.igs"
     assert main(["solve", str(frame), "-o", str(out)]) == 0
     output = capsys.readouterr()

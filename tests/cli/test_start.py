@@ -38,9 +38,8 @@ def test_help_and_usage_errors_import_nothing_heavy() -> None:
     assert done.stdout.rstrip().endswith("LOADED []")
     assert done.stdout.count("usage: spinor-geom") == 10
     # a sentence each, not the usage
-    assert [re.fullmatch(r"spinor-geom.*: error: .*--help.*", line) is None for line in done.stderr.splitlines()] == [
-        False
-    ] * 10
+    sentence = re.compile(r"spinor-geom.*: error: .*--help.*")
+    assert [sentence.fullmatch(line) is None for line in done.stderr.splitlines()] == [False] * 10
 
 
 def test_importing_the_package_imports_nothing_heavy() -> None:

@@ -30,25 +30,10 @@ ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 # its Python blocks are scripts, as their workers import them
 SCRIPTS = "batch.md"
-# with what other tests run as well, the README, the commands, the benchmark, or with drawings
-SLOW = (
-    "batch.md",
-    "benchmark.md",
-    "cad.md",
-    "edit.md",
-    "fill-a-scan.md",
-    "gallery.md",
-    "gradients.md",
-    "index.md",
-    "membranes.md",
-    "my-curve.md",
-    "my-mesher.md",
-    "plateau.md",
-    "reference.md",
-    "spinors.md",
-)
+# without drawings and what other tests run as well: the README, the commands, the benchmark
+QUICK = ("architecture.md", "blender.md", "choosing.md", "how-it-works.md", "limits.md")
 PAGES = [
-    pytest.param(page.name, marks=pytest.mark.slow if page.name in SLOW else ()) for page in sorted(DOCS.glob("*.md"))
+    pytest.param(page.name, marks=() if page.name in QUICK else pytest.mark.slow) for page in sorted(DOCS.glob("*.md"))
 ]
 PACKAGES = {"blender.md": ["bpy"], "cad.md": ["build123d", "compas"]}  # without wheels on some systems
 STUBS = {"dask_jobqueue.py": "SLURMCluster", "dask_kubernetes/operator.py": "KubeCluster"}

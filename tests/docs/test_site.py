@@ -22,15 +22,9 @@ DOCS = ROOT / "docs"
 def pages(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a built site."""
     folder = tmp_path_factory.mktemp("pages")
-    done = subprocess.run(
-        [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "-d", str(folder)],
-        cwd=ROOT,
-        env={**os.environ, "NO_MKDOCS_2_WARNING": "1"},
-        capture_output=True,
-        text=True,
-        timeout=900,
-        check=False,
-    )
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "-d", folder]
+    environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
+    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=900, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     return folder
 
@@ -57,10 +51,8 @@ def test_every_page_and_every_picture_opens_in_a_browser(pages: Path) -> None:
                 page = opened.page
                 assert page.locator("h1").count() == 1, name
                 images = page.locator("article img")
-                sizes = [
-                    images.nth(k).evaluate("image => image.decode().then(() => image.naturalWidth)")
-                    for k in range(images.count())
-                ]
+                decoded = "image => image.decode().then(() => image.naturalWidth)"
+                sizes = [images.nth(k).evaluate(decoded) for k in range(images.count())]
                 assert all(size > 0 for size in sizes), name
                 assert "\\(" not in page.locator("article").inner_text(), name
                 assert not opened.errors, (name, opened.errors)

@@ -155,12 +155,8 @@ def test_boundary_that_stays_crossed_is_refused():
 def helical_ramp(turns):
     """The outline of a ramp of radius 3, width 0.7 and pitch 2: two helices and two straight ends."""
     share = np.arange(77) / 76
-    inner, outer = (
-        np.column_stack(
-            [r * np.cos(2 * np.pi * turns * share), r * np.sin(2 * np.pi * turns * share), 2 * turns * share]
-        )
-        for r in (2.65, 3.35)
-    )
+    turn = 2 * np.pi * turns * share
+    inner, outer = (np.column_stack([r * np.cos(turn), r * np.sin(turn), 2 * turns * share]) for r in (2.65, 3.35))
     middles = [(inner[k] + outer[k])[None] / 2 for k in (-1, 0)]
     points = np.concatenate([outer, middles[0], inner[::-1], middles[1]])
     return BoundaryLoop.from_points(points, corners=[0, 76, 78, 154])

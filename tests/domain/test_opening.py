@@ -26,7 +26,6 @@ def angles(boundary: SplineBoundary) -> np.ndarray:
 
 def test_the_reentrant_corner_of_an_l_gets_the_wanted_angle_and_others_keep_theirs() -> None:
     opening = Opening.of(outline(L, 64), RIGHT)
-    assert opening is not None
     # chords of 1/64 of a side turn by about a hundredth
     assert np.abs(angles(opening.boundary) - RIGHT).max() < 0.02
     steps = np.abs(np.diff(opening.boundary.vertices))[2 * 64 : 3 * 64]
@@ -36,13 +35,12 @@ def test_the_reentrant_corner_of_an_l_gets_the_wanted_angle_and_others_keep_thei
 def test_phi_dz_is_kept() -> None:
     given = outline(L, 64)
     opening = Opening.of(given, RIGHT)
-    assert opening is not None
     ends = opening.boundary.parameters
     t = (ends[1:] + ends[:-1])[40::96] / 2
     before, after = (opening.given_parameters(t + side) for side in (-1e-8, 1e-8))
     step = given.point(after) - given.point(before)
     ratio = opening.factor(t) ** 2 * opening.boundary.derivative(t) / step
-    # the scale is free; parameters are linear between vertices
+    # the scale is free. Parameters are linear between vertices
     assert np.abs(ratio / ratio.mean() - 1).max() < 0.02
 
 

@@ -26,9 +26,8 @@ def test_cumulative_integral_of_one_is_the_way_from_the_panels_start(boundary):
     h = np.diff(panels.breaks)[:, None]
     way = h * (panels.dz.reshape(len(h), -1) @ panels.cumulative.T)
     # a polynomial on every piece of a spline; on the circle the tenth order is enough for 16 panels
-    np.testing.assert_allclose(
-        way, panels.z.reshape(len(h), -1) - boundary.point(panels.breaks[:-1])[:, None], atol=1e-13
-    )
+    expected = panels.z.reshape(len(h), -1) - boundary.point(panels.breaks[:-1])[:, None]
+    np.testing.assert_allclose(way, expected, atol=1e-13)
 
 
 def test_quadrature_between_a_pole_and_the_boundary_converges_geometrically():

@@ -44,7 +44,7 @@ def test_boundary_derivative_equals_difference_quotient(domain):
     h = 1e-6
     quotient = (domain.boundary.point(t + h) - domain.boundary.point(t - h)) / (2 * h)
     derivative = domain.boundary.derivative(t)
-    # truncation h² and rounding 1e-16/h; a corner nearer than h would show, and there is none
+    # truncation h² and rounding 1e-16/h. A corner nearer than h would show, and there is none
     assert np.abs(quotient - derivative).max() < 1e-7 * np.abs(derivative).max()
 
 
@@ -124,7 +124,7 @@ def test_paths_span_all_vertices_inside_the_domain(domain):
     np.testing.assert_array_equal(level[domain.parents[others]], level[others] - 1)
     edges = np.sort(np.column_stack([others, domain.parents[others]]), axis=1)
     assert (edges[:, None] == mesh.edges).all(axis=2).any(axis=1).all()
-    # edges between two boundary vertices may run along ∂Ω; all others lie inside
+    # edges between two boundary vertices may run along ∂Ω. All others lie inside
     inner = (edges >= mesh.boundary_size).any(axis=1)
     samples = mesh.points[edges[inner]] @ np.array([[0.01, 0.3, 0.5, 0.8, 0.99], [0.99, 0.7, 0.5, 0.2, 0.01]])
     assert domain.contains(samples).all()
@@ -147,9 +147,8 @@ def test_crossed_and_clockwise_boundaries_are_refused():
 
 
 def test_divided_domain_has_the_same_boundary():
-    domain = PlaneDomain.from_boundary(
-        np.array([0, 2, 2 + 2j, 1 + 0.5j, 2j]), np.array([True, False, True, True, False])
-    )
+    is_corner = np.array([True, False, True, True, False])
+    domain = PlaneDomain.from_boundary(np.array([0, 2, 2 + 2j, 1 + 0.5j, 2j]), is_corner)
     finer = domain.divided(3)
     t = np.random.default_rng(0).random(100)
     np.testing.assert_allclose(finer.boundary.point(t), domain.boundary.point(t), atol=1e-14)

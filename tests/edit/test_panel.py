@@ -18,11 +18,10 @@ def test_the_list_tells_patches_with_crossings_from_those_that_were_not_searched
     job = session.next_job()
     assert job is not None
     reach = np.zeros((2, 3))
-    preview = Preview(
-        loops=(0,), chosen="film", kind="minimal", area=2.0, intersections=found, sentences=(), reach=reach
-    )
+    figures = {"area": 2.0, "intersections": found, "sentences": (), "reach": reach}
+    preview = Preview(loops=(0,), chosen="film", kind="minimal", **figures)
     session.finish(job, preview)
     work = SimpleNamespace(message="", fillers=[])
-    text = panel(session, work, [None], pointed=None, command="", size=(80, 40))  # type: ignore[arg-type, list-item]
+    text = panel(session, work, [None], pointed=None, command="", size=(80, 40))
     (row,) = [line for line in text.splitlines() if line.startswith("0 ")]
     assert row.split() == ["0", "film", "2", *told.split()]

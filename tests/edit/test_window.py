@@ -35,9 +35,8 @@ class Person:
         self.path.write_text(obj_text(*mesh))
         self.output, self.saved = folder / "out.ply", list[dict[str, Any]]()
         command = ["spinor-geom", "fill", str(self.path), "-o", str(self.output)]
-        self.window = Window(
-            read_mesh(self.path), self.filling, self.output, command, self.saved.append, off_screen=off_screen
-        )
+        given = read_mesh(self.path), self.filling, self.output, command, self.saved.append
+        self.window = Window(*given, off_screen=off_screen)
         self.window.plotter.show(auto_close=False, interactive_update=True)
         self.events = self.window.plotter.iren
 
@@ -110,7 +109,7 @@ def test_holes_are_pointed_at_and_get_films_and_smooth_patches(person: Person) -
     person.events._mouse_move(width - 5, 5)
     assert window.pointed is None
     assert person.sees(*rim, COLOURS["open"])
-    # clicks: film, smooth, open; the patch can be clicked, too
+    # clicks: film, smooth, open. The patch can be clicked, too
     person.click(0)
     person.click(1, on_rim=True)
     person.wait()
@@ -171,10 +170,7 @@ def test_what_is_saved_is_what_the_command_makes(person: Person, capsys: pytest.
     # the patches that were shown
     report = fill_hole(person.path, **window.session.options, return_report=True)[1]
     for loops, (preview, _) in window.session.previews().items():
-        assert preview is not None
-        assert preview.patch is not None
         patch = report.loops[loops[0]].patch
-        assert patch is not None
         np.testing.assert_array_equal(preview.patch.patch.vertices, patch.vertices)
 
 
@@ -200,7 +196,6 @@ def test_a_process_that_dies_and_a_cancelled_one_leave_the_loop_open(person: Per
         process.kill()
     person.wait()
     preview, _ = window.session.previews()[(1,)]
-    assert preview is not None
     assert preview.patch is None
     assert "SIGKILL" in preview.sentences[0]
     # a window that is closed during a fill
@@ -217,7 +212,6 @@ def display(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
         pytest.skip("Xvfb is not installed")
     command = ["Xvfb", "-displayfd", "1", "-screen", "0", "1024x768x24", "-nolisten", "tcp", "-noreset"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as server:
-        assert server.stdout is not None
         monkeypatch.setenv("DISPLAY", f":{server.stdout.readline().strip()}")
         monkeypatch.setenv("VTK_DEFAULT_OPENGL_WINDOW", "vtkXOpenGLRenderWindow")
         yield

@@ -79,12 +79,8 @@ def test_prescribed_boundaries_have_their_own_derivatives():
 @pytest.mark.slow
 def test_ours_are_nearer_and_faster_than_the_paper_s_training(tmp_path):
     outcome = trainings.timing(curves=("twisted circle",), rmsprop=TINY_RMSPROP, tolerances=(1e-3,), depth=2)
-    assert {row["method"] for row in outcome.rows} == {
-        trainings.PAPER,
-        trainings.OURS,
-        trainings.CAUCHY,
-        trainings.DOUGLAS,
-    }
+    methods = {trainings.PAPER, trainings.OURS, trainings.CAUCHY, trainings.DOUGLAS}
+    assert {row["method"] for row in outcome.rows} == methods
     distances = {row["method"]: row["distance/diagonal"] for row in outcome.rows}
     assert distances[DOUGLAS] < 1e-13
     assert distances[OURS] < 1.1e-3
@@ -92,18 +88,12 @@ def test_ours_are_nearer_and_faster_than_the_paper_s_training(tmp_path):
     assert "after 3 epochs" in outcome.verdict
 
 
-@pytest.mark.parametrize(
-    ("a", "area", "disk"),
-    [
-        (0.8, 4.365, "stable"),
-        (0.8, 4.38, "none"),
-        (0.75, 4.6650, "stable"),
-        (0.75, 4.6697, "unstable"),
-        (0.75, 4.667, "none"),
-    ],
-)
-def test_areas_name_disks(a, area, disk):
-    assert forms.which_disk(area, gallery.tennis_seam(a).disks) == disk
+def test_areas_name_disks():
+    for a, area, disk in (
+        *((0.8, 4.365, "stable"), (0.8, 4.38, "none")),
+        *((0.75, 4.6650, "stable"), (0.75, 4.6697, "unstable"), (0.75, 4.667, "none")),
+    ):
+        assert forms.which_disk(area, gallery.tennis_seam(a).disks) == disk
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -189,12 +179,8 @@ def test_a_run_leaves_report_data_and_pictures(tmp_path):
     reported = []
     reproduce(["catenoid"], tmp_path / "new", quick=True, on_start=reported.append)
     assert reported == ["catenoid"]
-    assert sorted(path.name for path in (tmp_path / "new").rglob("*") if path.is_file()) == [
-        "catenoid.png",
-        "data.json",
-        "report.html",
-        "report.md",
-    ]
+    written = sorted(path.name for path in (tmp_path / "new").rglob("*") if path.is_file())
+    assert written == ["catenoid.png", "data.json", "report.html", "report.md"]
     folder = tmp_path / "new" / "catenoid"
     data = json.loads((folder / "data.json").read_text())
     assert (data["quick"], data["reproduced"], data["settings"]["grid"]) == (True, True, [120, 30])
@@ -222,9 +208,8 @@ def test_an_unknown_name_is_refused_before_anything_runs(tmp_path, capsys):
 
 
 def test_an_unconfirmed_statement_of_the_paper_is_an_exit_status(tmp_path, capsys, monkeypatch):
-    not_seen = replace(
-        experiment("catenoid"), measure=lambda **_: Outcome(rows=[{"a": 1}], reproduced=False, verdict="Slope 0.")
-    )
+    outcome = Outcome(rows=[{"a": 1}], reproduced=False, verdict="Slope 0.")
+    not_seen = replace(experiment("catenoid"), measure=lambda **_: outcome)
     monkeypatch.setitem(integration.EXPERIMENTS, "catenoid", not_seen)
     assert main(["reproduce", "catenoid", "-o", str(tmp_path)]) == 1
     *_, counts, verdict = capsys.readouterr().err.splitlines()

@@ -71,11 +71,7 @@ def bucket(points: np.ndarray) -> Mesh:
     depth = np.linalg.norm(points - centre, axis=1).max() * np.array([0, 0, 1.0])
     ring = centre + 1.2 * (points - centre) - 0.3 * depth
     i, j = np.arange(m), np.roll(np.arange(m), -1)
-    faces = [
-        np.column_stack([i, i + m, j]),
-        np.column_stack([j, i + m, j + m]),
-        np.column_stack([i + m, 0 * i + 2 * m, j + m]),
-    ]
+    faces = [np.column_stack(three) for three in ((i, i + m, j), (j, i + m, j + m), (i + m, 0 * i + 2 * m, j + m))]
     return np.vstack([points, ring, centre - 2 * depth]), np.concatenate(faces)
 
 

@@ -112,14 +112,13 @@ RIMS: dict[str, Callable[[Random, int], np.ndarray]] = {
 def rim(kind: str, seed: int) -> np.ndarray:
     """The points of an irregular rim, 3 to about 100."""
     random = np.random.default_rng([seed, *kind.encode()])
-    count = int(
-        random.choice([random.integers(3, 8), random.integers(8, 30), random.integers(30, 100)], p=[0.4, 0.4, 0.2])
-    )
+    counts = [random.integers(3, 8), random.integers(8, 30), random.integers(30, 100)]
+    count = int(random.choice(counts, p=[0.4, 0.4, 0.2]))
     return RIMS[kind](random, count)
 
 
 def mesh(kind: str, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """A band of good or of poor triangles around an irregular rim; in some, two rim vertices are equal, a pinch."""
+    """A band of good or of poor triangles around an irregular rim. In some, two rim vertices are equal, a pinch."""
     points = rim(kind, seed)
     random = np.random.default_rng([seed, 1])
     count, away = len(points), points - points.mean(axis=0)

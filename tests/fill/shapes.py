@@ -70,10 +70,8 @@ def tube(sides: int = 16, rings: int = 3, *, squeeze: float = 1.0) -> tuple[np.n
     levels = [circle(sides, 1.0 - 0.1 * k, 0.5 * k) * [1, squeeze, 1] for k in range(rings)]
     a = np.arange(sides)
     b = (a + 1) % sides
-    faces = [
-        np.concatenate([np.column_stack([a, b, b + sides]), np.column_stack([a, b + sides, a + sides])]) + k * sides
-        for k in range(rings - 1)
-    ]
+    band = np.concatenate([np.column_stack([a, b, b + sides]), np.column_stack([a, b + sides, a + sides])])
+    faces = [band + k * sides for k in range(rings - 1)]
     return np.concatenate(levels), np.concatenate(faces)
 
 
@@ -103,7 +101,7 @@ def obj_text(vertices: np.ndarray, faces: np.ndarray, *more: str) -> str:
 
 
 def folded_quad() -> tuple[np.ndarray, np.ndarray]:
-    """Two triangles with the common edge (1, 3); of the diagonals of their hole, (0, 2) is free, (1, 3) is an edge."""
+    """Two triangles with the common edge (1, 3). Of the diagonals of their hole, (0, 2) is free, (1, 3) is an edge."""
     vertices = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.5], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.5]])
     return vertices, np.array([[0, 1, 3], [1, 2, 3]])
 

@@ -24,7 +24,7 @@ def largest(vertices: np.ndarray, faces: np.ndarray) -> Mesh:
 
 
 def terrain(seed: int, height: float, waves: float = 3.0) -> Heights:
-    """Twelve random waves; the height is that of a wave of length 2π."""
+    """Twelve random waves. The height is that of a wave of length 2π."""
     rng = np.random.default_rng(seed)
     vectors, phases = waves * rng.normal(size=(12, 2)), rng.uniform(0, 2 * np.pi, 12)
     heights = rng.normal(size=12) * height / waves

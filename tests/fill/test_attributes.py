@@ -39,7 +39,7 @@ def inner_values(
 ) -> dict[str, np.ndarray]:
     count = len(next(iter(attributes.values())))
     mesh = TriangleMesh(np.zeros((count, 3)), [], vertex_attributes=attributes, labels=labels)
-    return patch_attributes(mesh, rim, patch, FlatSurface() if flat else None, by="domain" if flat else "edges")  # type: ignore[arg-type]
+    return patch_attributes(mesh, rim, patch, FlatSurface() if flat else None, by="domain" if flat else "edges")
 
 
 def harmonic_values(disk: Patch, rim_values: np.ndarray) -> np.ndarray:
@@ -55,9 +55,8 @@ def test_linear_functions_are_reproduced_exactly(disk: Patch) -> None:
 
 def test_every_attribute_is_carried_and_normals_are_the_surface_s(disk: Patch) -> None:
     rim = disk.boundary_size
-    loop = BoundaryLoop(
-        points=disk.vertices[:rim], vertex_ids=np.arange(rim)[::-1] + 5, corners=np.zeros(rim, dtype=bool)
-    )
+    ids, none = np.arange(rim)[::-1] + 5, np.zeros(rim, dtype=bool)
+    loop = BoundaryLoop(points=disk.vertices[:rim], vertex_ids=ids, corners=none)
     color = np.zeros((rim + 5, 4))
     color[loop.vertex_ids] = np.column_stack([disk.points[:rim].real] * 4)
     attributes = {"color": color, "normal": np.ones((rim + 5, 3)), "weight": np.full((rim + 5, 1), 7.0)}

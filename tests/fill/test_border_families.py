@@ -80,11 +80,7 @@ def test_ribbons_and_bands_have_borders() -> None:
 
 
 def test_ends_of_garments_and_bent_tubes_are_holes() -> None:
-    assert {name: any(are_borders(mesh)) for name, mesh in garments()} == {
-        "shirt": False,
-        "shirt cut obliquely": False,
-        "bent tube": False,
-    }
+    assert [name for name, mesh in garments() if any(are_borders(mesh))] == []
 
 
 @pytest.mark.parametrize("hole", [(0.0, 0.3), (0.55, 0.25), (0.3, 0.6), (0.0, 0.8)])

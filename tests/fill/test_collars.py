@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 import warnings
 from typing import Literal
@@ -14,15 +15,7 @@ from spinor_geom.errors import ImperfectFillWarning, SpinorGeomError
 from tests.fill.shapes import circle
 
 # why a rim may stay open: it is no hole, or has no surface at all
-REASONS = (
-    "border of a sheet",
-    "encloses no area",
-    "lie in one place",
-    "zero-width",
-    "seam",
-    "other side",
-    "outline of",
-)
+REASONS = re.compile("border of a sheet|encloses no area|lie in one place|zero-width|seam|other side|outline of")
 
 
 def collar(seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -46,7 +39,7 @@ def collar(seed: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def holds(seed: int) -> float:
-    """Fills one collar and checks the result; returns the seconds."""
+    """Fills one collar and checks the result. Returns the seconds."""
     vertices, faces = collar(seed)
     start = time.perf_counter()
     with warnings.catch_warnings():
@@ -61,7 +54,7 @@ def holds(seed: int) -> float:
     assert np.isfinite(filled[0]).all(), seed
     for outcome in report.loops:
         if not outcome.filled:
-            assert any(words in outcome.reason for words in REASONS), (seed, outcome.reason)
+            assert REASONS.search(outcome.reason), (seed, outcome.reason)
     assert report.watertight == all(outcome.filled for outcome in report.loops), seed
     return seconds
 

@@ -55,7 +55,7 @@ def loop_with(vertex: int, loops: list[BoundaryLoop]) -> int:
 def filled_at(mesh: tuple[np.ndarray, np.ndarray], *vertices: int, **options: float) -> tuple[FillResult, LoopOutcome]:
     """The result of filling the loops through some vertices, and the outcome of the last of them."""
     places = [loop_with(vertex, boundary_loops(mesh)) for vertex in vertices]
-    _, report = fill_hole(mesh, places, return_report=True, **options)  # type: ignore[call-overload]
+    _, report = fill_hole(mesh, places, return_report=True, **options)
     return report, report.loops[max(places)]
 
 
@@ -115,9 +115,8 @@ def test_without_time_to_search_for_intersections_a_patch_is_kept_and_not_called
     assert "not searched for intersections" in repr(outcome)
     assert str(fill_row(outcome)["crossings"]) == "unknown"
     assert "no patch that was searched intersects anything" in page_summary(report)
-    assert "have at least 3 intersecting pairs" in page_summary(
-        replace(report, loops=(*report.loops, replace(outcome, is_searched=True, mesh_intersections=3)))
-    )
+    more = replace(report, loops=(*report.loops, replace(outcome, is_searched=True, mesh_intersections=3)))
+    assert "have at least 3 intersecting pairs" in page_summary(more)
     assert not report.intersection_free
     assert "not searched for all intersections" in report.summary
     assert any("whether the patch intersects anything is not known" in note for note in outcome.remarks)
@@ -203,18 +202,12 @@ def star(disk: HoledDisk, loop: BoundaryLoop) -> Patch:
     """The faces that were removed around a vertex, as a patch on the boundary of the hole."""
     vertex = disk.removed[disk.holes.index(frozenset(loop.vertex_ids.tolist()))]
     patch = cone(loop)
-    return Patch(
-        vertices=np.vstack([loop.points, disk.mesh.vertices[vertex]]),
-        faces=patch.faces,
-        boundary_size=patch.boundary_size,
-        points=patch.points,
-    )
+    vertices = np.vstack([loop.points, disk.mesh.vertices[vertex]])
+    return replace(patch, vertices=vertices)
 
 
 @given(disk=holed_disks(), motion=rigid_motions(), scale=st.floats(1e-6, 1e6))
-def test_what_was_cut_out_of_a_sheet_fits_back_without_crossings(
-    disk: HoledDisk, motion: RigidMotion, scale: float
-) -> None:
+def test_what_was_cut_out_of_a_sheet_fits_back_uncrossed(disk: HoledDisk, motion: RigidMotion, scale: float) -> None:
     moved = TriangleMesh(scale * motion(disk.mesh.vertices), disk.mesh.faces)
     whole = HoledDisk(mesh=moved, removed=disk.removed, holes=disk.holes, rim=disk.rim)
     patched = PatchedMesh(moved)

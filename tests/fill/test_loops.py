@@ -38,11 +38,8 @@ def test_an_index_of_no_loop_is_named(loops: list[BoundaryLoop], place: int | li
 
 def test_a_loop_is_found_from_any_start(loops: list[BoundaryLoop]) -> None:
     second = loops[1]
-    turned = BoundaryLoop(
-        points=np.roll(second.points, 5, axis=0),
-        vertex_ids=np.roll(second.vertex_ids, 5),
-        corners=np.roll(second.corners, 5),
-    )
+    arrays = {name: np.roll(getattr(second, name), 5, axis=0) for name in ("points", "vertex_ids", "corners")}
+    turned = BoundaryLoop(**arrays)
     assert chosen_indices(turned, loops) == [1]
 
 

@@ -23,9 +23,7 @@ FIN = np.array([[0, 1, 2], [1, 0, 3], [0, 1, 4]])  # three faces at one edge, of
     ("faces", "expected"),
     [(strip(0), True), (strip(1), False), (np.asarray(trimesh.creation.icosphere(1).faces), True), (FIN, True)],
 )
-def test_a_mesh_is_orientable_whatever_the_order_of_its_faces_and_their_corners(
-    faces: np.ndarray, expected: bool
-) -> None:
+def test_a_mesh_is_orientable_whatever_the_order_of_faces_and_corners(faces: np.ndarray, expected: bool) -> None:
     rng = np.random.default_rng(0)
     for _ in range(5):
         assert is_orientable(HalfEdges.of(faces)) == expected

@@ -29,13 +29,9 @@ def test_several_curves_of_one_file_keep_their_names() -> None:
     text += "l " + " ".join(map(str, [*range(-7, 0), -7])) + "\no other\n" + vertex_lines(circle(5) + 9)
     text += "l -5 -4\nl -3 -4\nl -3 -2 -1 -5\n"
     found = loops(text)
-    assert [(loop.name, len(loop.points), loop.error) for loop in found] == [
-        ("rings/upper one", 9, None),
-        ("rings/lower", 7, None),
-        ("other", 5, None),
-    ]
+    expected = [("rings/upper one", 9, None), ("rings/lower", 7, None), ("other", 5, None)]
+    assert [(loop.name, len(loop.points), loop.error) for loop in found] == expected
     np.testing.assert_array_equal(found[0].points, circle(9))
-    assert found[1].loop is not None
     assert found[1].loop.vertex_ids.tolist() == list(range(9, 16))
 
 

@@ -27,9 +27,8 @@ def check_filled(kind: str, seed: int) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         vertices, faces = mesh(kind, seed)
-        (filled, _), report = fill_hole(
-            (vertices, faces), model=MODELS[seed % 3], continuity=continuity, return_report=True
-        )
+        options = {"model": MODELS[seed % 3], "continuity": continuity}
+        (filled, _), report = fill_hole((vertices, faces), **options, return_report=True)
         report.to_dict()
     assert np.array_equal(filled[: len(vertices)], vertices)
     assert np.isfinite(filled).all()

@@ -37,10 +37,8 @@ def with_needles(*heights: float) -> tuple[TriangleMesh, BoundaryLoop]:
 def test_every_triangulation_crosses_what_the_rim_passes_through(apex: int) -> None:
     mesh, loop = with_needles(0.5, 0.5)
     patched = PatchedMesh(mesh)
-    first, other = (
-        NewPatch(patch=patch, rims=[loop], reason="", crossings=patched.crossings(patch))
-        for patch in (cone(loop), fan(loop, apex))
-    )
+    patches = (cone(loop), fan(loop, apex))
+    first, other = (NewPatch(patch=p, rims=[loop], reason="", crossings=patched.crossings(p)) for p in patches)
     at_rim = RimCrossings(patched, first)
     for new in (first, other):
         assert len(new.crossings.mesh) >= 2

@@ -18,9 +18,8 @@ from tests.validity import validate
 
 
 def joined(mesh: TriangleMesh, extension: MeshExtension) -> TriangleMesh:
-    return TriangleMesh(
-        np.concatenate([mesh.vertices, extension.vertices]), np.concatenate([mesh.faces, extension.faces])
-    )
+    arrays = ((mesh.vertices, extension.vertices), (mesh.faces, extension.faces))
+    return TriangleMesh(*map(np.concatenate, arrays))
 
 
 def flat_position(points: np.ndarray) -> np.ndarray:
@@ -92,11 +91,9 @@ def test_a_chord_on_a_taken_edge_is_split_and_a_free_one_stays() -> None:
 def test_a_chord_that_an_earlier_patch_took_is_split_in_the_next() -> None:
     # two squares that touch in two opposite corners: both could be divided along the line between those corners
     ring = TriangleMesh(np.random.default_rng(3).normal(size=(6, 3)), np.array([[0, 1, 4]]))
-    first = BoundaryLoop(
-        points=ring.vertices[[0, 1, 2, 3]], vertex_ids=np.array([0, 1, 2, 3]), corners=np.zeros(4, bool)
-    )
-    second = BoundaryLoop(
-        points=ring.vertices[[0, 4, 2, 5]], vertex_ids=np.array([0, 4, 2, 5]), corners=np.zeros(4, bool)
+    first, second = (
+        BoundaryLoop(points=ring.vertices[ids], vertex_ids=np.array(ids), corners=np.zeros(4, bool))
+        for ids in ([0, 1, 2, 3], [0, 4, 2, 5])
     )
     patched = PatchedMesh(ring, [first, second])
     patch, split = fitted(patched, fan(first), first.vertex_ids)
@@ -117,10 +114,9 @@ def test_the_outline_of_a_lone_face_is_recognised() -> None:
 def test_new_vertices_and_faces_come_loop_by_loop() -> None:
     mesh = as_mesh(tube(), color=np.ones((48, 3)))
     loops = find_boundary_loops(mesh)
+    colors = [{"color": np.full((1, 3), float(place))} for place in range(len(loops))]
     parts = [
-        LoopPatch(
-            index=place, rim=loop.vertex_ids, patch=cone(loop), attributes={"color": np.full((1, 3), float(place))}
-        )
+        LoopPatch(index=place, rim=loop.vertex_ids, patch=cone(loop), attributes=colors[place])
         for place, loop in enumerate(loops)
     ]
     extension = stitch(mesh, parts)
@@ -144,7 +140,7 @@ def test_ragged_meshes_filled_by_chords_are_watertight_and_valid(mesh: TriangleM
 
 @given(disk=holed_disks(), apex=st.integers(0, 1000))
 def test_disks_with_holes_become_spheres(disk: object, apex: int) -> None:
-    filled, complete = filled_with_fans(disk.mesh, apex)  # type: ignore[attr-defined]
+    filled, complete = filled_with_fans(disk.mesh, apex)
     assert complete
     assert is_watertight(filled.faces)
     used = len(np.unique(filled.faces))

@@ -9,20 +9,10 @@ from spinor_geom import gallery
 from spinor_geom.errors import OptionError
 from spinor_geom.gallery.known import sample_parameters
 
-CURVES = [
-    gallery.twisted_circle(),
-    gallery.tennis_seam(0.8),
-    gallery.ellipse(8.0, 0.3),
-    gallery.schwarz_d_quadrilateral(),
-    gallery.schwarz_d_hexagon(),
-    gallery.schwarz_p_hexagon(),
-    gallery.schwarz_p_quadrilateral(),
-    gallery.scherk(2.5),
-    gallery.random_curve(3),
-    gallery.l_shape(rise=0.25),
-    gallery.slit(bend=1.0),
-    gallery.horseshoe(),
-]
+CURVES = [gallery.twisted_circle(), gallery.tennis_seam(0.8), gallery.ellipse(8.0, 0.3), gallery.scherk(2.5)]
+CURVES += [gallery.schwarz_d_quadrilateral(), gallery.schwarz_d_hexagon()]
+CURVES += [gallery.schwarz_p_quadrilateral(), gallery.schwarz_p_hexagon()]
+CURVES += [gallery.random_curve(3), gallery.l_shape(rise=0.25), gallery.slit(bend=1.0), gallery.horseshoe()]
 by_name = pytest.mark.parametrize("curve", CURVES, ids=lambda curve: curve.name)
 
 
@@ -52,9 +42,8 @@ def test_samples_hold_the_corners(curve):
     loop = curve.sample(50)
     assert len(loop) == 50
     assert loop.corners.sum() == len(curve.corners)
-    np.testing.assert_allclose(
-        loop.points[loop.corners], curve.point(np.array(curve.corners)).reshape(-1, 3), atol=1e-15
-    )
+    expected = curve.point(np.array(curve.corners)).reshape(-1, 3)
+    np.testing.assert_allclose(loop.points[loop.corners], expected, atol=1e-15)
 
 
 @pytest.mark.parametrize(

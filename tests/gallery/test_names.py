@@ -14,15 +14,8 @@ from spinor_geom.gallery import SURFACES, KnownCurve, KnownPatch, KnownSurface, 
 FORMULAS = ("associate", "catenoid", "enneper", "helicoid", "henneberg", "random-polynomial")
 # relative errors of the area that 96 points of the boundary allow
 BOUNDARIES = {
-    "twisted-circle": 1e-9,
-    "tennis-seam": 1e-8,
-    "schwarz-d-hexagon": 1e-7,
-    "schwarz-d-quadrilateral": 1e-7,
-    "schwarz-p-hexagon": 1e-7,
-    "schwarz-p-quadrilateral": 1e-7,
-    "scherk": 1e-6,
-    "schwarz-prism": 1e-6,
-    "schwarz-h": 1e-8,
+    **{"twisted-circle": 1e-9, "tennis-seam": 1e-8, "schwarz-h": 1e-8, "scherk": 1e-6, "schwarz-prism": 1e-6},
+    **{f"schwarz-{kind}-{polygon}": 1e-7 for kind in "dp" for polygon in ("hexagon", "quadrilateral")},
 }
 WITHOUT_AREA = ("ellipse", "horseshoe", "l-shape")
 SECONDS_LONG = ("horseshoe", "scherk", "schwarz-d-hexagon", "schwarz-h", "schwarz-p-hexagon", "schwarz-prism")

@@ -55,7 +55,7 @@ LINKED = {"annulus, linked": [RING, RING[:, [0, 2, 1]] + [1, 0, 0]]}
 
 
 def names(*slow: str) -> list[Any]:
-    """The routes as parameters of a test; those whose solve takes a second, and some others, are slow."""
+    """The routes as parameters of a test. Those whose solve takes a second, and some others, are slow."""
     slow = (*slow, "annular network", "circles", "network, curved sides", "flattened, rough")
     return [pytest.param(name, marks=pytest.mark.slow if name in slow else ()) for name in ROUTES]
 

@@ -14,7 +14,7 @@ from spinor_geom.gradients.area import area_gradient
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from tests.gradients.cases import LINKED, RING, ROUTES, difference, moved, moves_of, names, order_of, solved, wavy
 
-# relative error of gradients and of differences of solves; networks are fitted to 1e-5 of an edge, whose square counts
+# relative error of gradients and of differences of solves. Networks are fitted to 1e-5 of an edge, whose square counts
 ERROR = 1e-6
 TURN = Rotation.from_rotvec([0.3, -0.5, 0.8]).as_matrix()
 

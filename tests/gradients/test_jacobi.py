@@ -53,8 +53,8 @@ def test_similarities_are_reproduced(name):
         weights = fields.by_boundary(np.eye(len(z))[number])
         for motion in motions:
             u = sum((own * motion(points)).sum() for own, points in zip(weights, on_rims, strict=True))
-            # surfaces and fields are of size 1 to 5; the adjoint of Newton's equations has errors of rounding, least
-            # squares of 2e-6; networks are fitted to 1e-5 of an edge
+            # surfaces and fields are of size 1 to 5. The adjoint of Newton's equations has errors of rounding, least
+            # squares of 2e-6. Networks are fitted to 1e-5 of an edge
             error = 1e-10 if isinstance(fields, SlideAdjoint) else 1e-5 if "network" in name else 3e-6
             assert abs(u - motion(x)[number] @ normal[number]) < error
 

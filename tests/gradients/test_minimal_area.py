@@ -24,12 +24,8 @@ def test_value_and_gradient_are_those_of_the_solution():
     assert np.array_equal(points.grad.numpy(), 3 * solution.area_gradient[0])
 
 
-GENERIC = {
-    "uniform": wavy(48),
-    "uneven": wavy(60, uneven=1),
-    "few": wavy(10),
-    "rough": wavy(40) + 0.01 * np.random.default_rng(0).normal(size=(40, 3)),
-}
+GENERIC = {"uniform": wavy(48), "uneven": wavy(60, uneven=1), "few": wavy(10)}
+GENERIC |= {"rough": wavy(40) + 0.01 * np.random.default_rng(0).normal(size=(40, 3))}
 
 
 @pytest.mark.parametrize("points", GENERIC.values(), ids=GENERIC)
@@ -55,9 +51,8 @@ def test_area_and_gradient_are_smooth_in_generic_directions(points):
 def test_named_corners_and_float32():
     points = torch.tensor(QUADRILATERAL, dtype=torch.float32, requires_grad=True)
     spinor_geom.minimal_area(points, corners=[0, 1, 2, 3]).backward()
-    (gradient,) = spinor_geom.solve_plateau(
-        spinor_geom.BoundaryLoop.from_points(QUADRILATERAL, corners=range(4)), tolerance=1e-6
-    ).area_gradient
+    loop = spinor_geom.BoundaryLoop.from_points(QUADRILATERAL, corners=range(4))
+    (gradient,) = spinor_geom.solve_plateau(loop, tolerance=1e-6).area_gradient
     assert points.grad.dtype == torch.float32
     assert points.grad.numpy() == pytest.approx(gradient, abs=1e-6)
 

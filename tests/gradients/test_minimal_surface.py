@@ -60,9 +60,8 @@ def test_vertices_begin_with_the_rims_in_the_given_order_and_direction(name):
     ends = np.cumsum([len(rim) for rim in rims])
     after = np.arange(len(given)) + 1
     after[ends - 1] -= [len(rim) for rim in rims]
-    assert {frozenset(pair) for pair in zip(*map(np.ndarray.tolist, edges), strict=True)} == set(
-        map(frozenset, enumerate(after.tolist()))
-    )
+    found = {frozenset(pair) for pair in zip(*map(np.ndarray.tolist, edges), strict=True)}
+    assert found == set(map(frozenset, enumerate(after.tolist())))
     weight = torch.tensor(np.random.default_rng(0).normal(size=given.shape))
     (vertices[: len(given)] * weight).sum().backward()
     assert torch.equal(torch.cat([rim.grad for rim in rims]), weight)

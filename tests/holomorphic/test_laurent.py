@@ -13,9 +13,8 @@ ROOTS = [(False, False), (True, False), (False, True), (True, True)]
 
 
 def holes(centres, radii):
-    return CircularDomain(
-        centres=torch.tensor(centres, dtype=torch.complex128), log_radii=torch.tensor(radii, dtype=torch.float64).log()
-    )
+    centres = torch.tensor(centres, dtype=torch.complex128)
+    return CircularDomain(centres=centres, log_radii=torch.tensor(radii, dtype=torch.float64).log())
 
 
 ONE, TWO = holes([0.0], [0.25]), holes([0.0, 0.5 + 0.3j], [0.2, 0.15])
@@ -27,12 +26,8 @@ def series(k, j, domain, antiperiodic=(), *, seed=0):
     shape = (len(domain.centres), j, 2)
     inward = torch.from_numpy(rng.normal(size=shape) + 1j * rng.normal(size=shape))
     # as the coefficients of a series that converges on a slightly larger domain
-    return LaurentSeries(
-        outward * 0.8 ** torch.arange(k)[:, None],
-        inward * 0.8 ** torch.arange(j)[:, None],
-        domain,
-        antiperiodic=antiperiodic,
-    )
+    outward, inward = outward * 0.8 ** torch.arange(k)[:, None], inward * 0.8 ** torch.arange(j)[:, None]
+    return LaurentSeries(outward, inward, domain, antiperiodic=antiperiodic)
 
 
 def points(count=30):
@@ -83,9 +78,8 @@ def test_values_residues_and_values_on_circles(made):
 
 def test_catenoid_is_two_terms():
     # p = 1, q = −1/z: ∫ pq dz = −log z
-    made = LaurentSeries(
-        torch.tensor([[1.0, 0.0]], dtype=torch.complex128), torch.tensor([[[0.0, -4.0]]], dtype=torch.complex128), ONE
-    )
+    outward, inward = (torch.tensor(c, dtype=torch.complex128) for c in ([[1.0, 0.0]], [[[0.0, -4.0]]]))
+    made = LaurentSeries(outward, inward, ONE)
     z = points()
     with torch.no_grad():
         torch.testing.assert_close(made.primitive(z), torch.stack([z, -1 / z, -torch.log(z)], dim=-1))

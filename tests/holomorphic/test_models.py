@@ -9,7 +9,6 @@ import torch
 
 from spinor_geom.arrays import NUMPY, Place, to_numpy
 from spinor_geom.domain import FourierBoundary, PlaneDomain
-from spinor_geom.domain.quadrature import Panels
 from spinor_geom.errors import StorageError
 from spinor_geom.holomorphic.arnoldi import arnoldi_hessenberg
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
@@ -21,6 +20,8 @@ from spinor_geom.holomorphic.model import HolomorphicModel, IntegrableModel, reb
 from spinor_geom.holomorphic.poles import place_poles
 from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.surface.module import as_module
+from tests.holomorphic.test_arnoldi import nodes
+from tests.holomorphic.test_mlp import seeded
 
 ANGLES = 2 * np.pi * np.arange(60) / 60
 ELLIPSE = PlaneDomain.from_boundary(2 * np.cos(ANGLES) + 1j * np.sin(ANGLES))
@@ -32,17 +33,11 @@ def complex_normal(*shape, seed=0):
     return torch.from_numpy(rng.normal(size=shape) + 1j * rng.normal(size=shape))
 
 
-def nodes(domain, order=8):
-    panels = Panels.on(domain.boundary, domain.boundary.parameters, order)
-    return torch.from_numpy(panels.z), torch.from_numpy(panels.arc_weights / panels.arc_weights.sum())
-
-
 def cauchy_network(degree=12):
-    z, weight = nodes(ELLIPSE)
+    z, weight = nodes(2.0, 60, 8)
     poles = place_poles(ELLIPSE)
-    network = CauchyNetwork.orthonormal_on(
-        z, weight, poles=torch.from_numpy(poles.positions), scales=torch.from_numpy(poles.scales), degree=degree
-    )
+    positions, scales = torch.from_numpy(poles.positions), torch.from_numpy(poles.scales)
+    network = CauchyNetwork.orthonormal_on(z, weight, poles=positions, scales=scales, degree=degree)
     return replace(network, readout=complex_normal(*network.readout.shape))
 
 
@@ -50,10 +45,6 @@ def interpolant(count=60):
     # the ellipse's own parameter
     z, dz, _ = FourierBoundary(np.array([0.5, 0, 1.5]), count).grid(count)
     return CauchyInterpolant(torch.from_numpy(z), torch.from_numpy(dz), complex_normal(count, 2))
-
-
-def seeded(seed=0):
-    return torch.Generator().manual_seed(seed)
 
 
 MODELS = {
@@ -164,7 +155,7 @@ def test_state_that_does_not_fit_is_refused(model):
 @pytest.mark.parametrize("degree", [5, 40])
 def test_features_of_a_cauchy_network_are_orthonormal_on_the_boundary(degree):
     network = cauchy_network(degree)
-    z, weight = nodes(ELLIPSE)
+    z, weight = nodes(2.0, 60, 8)
     with torch.no_grad():
         features = network.features(z)
     gram = features.mH @ (weight[:, None] * features)
@@ -176,7 +167,7 @@ def test_features_of_a_cauchy_network_are_orthonormal_on_the_boundary(degree):
 
 
 def test_cauchy_network_reproduces_a_function_with_a_pole_near_the_boundary():
-    z, weight = nodes(ELLIPSE)
+    z, weight = nodes(2.0, 60, 8)
 
     def target(points):
         return torch.stack([1 / (points - 2.15), torch.exp(points)], dim=-1)
@@ -184,7 +175,7 @@ def test_cauchy_network_reproduces_a_function_with_a_pole_near_the_boundary():
     network = cauchy_network(20)
     network = replace(network, readout=network.features(z).mH @ (weight[:, None] * target(z)))
     inside = inner_points()
-    # the pole lies 0.15 outside the tip; one unit a vertex follows it
+    # the pole lies 0.15 outside the tip. One unit a vertex follows it
     assert float((network.value(inside) - target(inside)).abs().max()) < 1e-6
 
 

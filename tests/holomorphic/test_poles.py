@@ -26,12 +26,8 @@ def distance_to_boundary(domain, z):
     return np.abs(z[:, None] - boundary).min(axis=1)
 
 
-DOMAINS = {
-    "disk": PlaneDomain.disk(2.0),
-    "L": plane(planar(L_SHAPE, 60)),
-    "slit": plane(slit()),
-    "ramp": flat_domain(ramp(2.2).points),
-}
+DOMAINS = {"disk": PlaneDomain.disk(2.0), "L": plane(planar(L_SHAPE, 60)), "slit": plane(slit())}
+DOMAINS |= {"ramp": flat_domain(ramp(2.2).points)}
 every_domain = pytest.mark.parametrize("domain", DOMAINS.values(), ids=DOMAINS.keys())
 
 
@@ -49,7 +45,7 @@ def test_poles_lie_outside(domain):
 def test_scale_of_a_unit_is_about_its_poles_distance(domain):
     poles = place_poles(domain)
     ratio = distance_to_boundary(domain, poles.positions) / poles.scales
-    # never nearer than 0.6 of it to any part of ∂Ω; a sample of ∂Ω may lie a little beside the nearest point
+    # never nearer than 0.6 of it to any part of ∂Ω. A sample of ∂Ω may lie a little beside the nearest point
     assert ratio.min() > 0.55
     assert ratio.max() < 1.05
 

@@ -51,11 +51,9 @@ def test_zeros_between_the_curve_and_its_polygon_belong_to_the_domain():
 
 def test_poles_outside_a_reentrant_domain_are_not_visited():
     square = np.array([0, 2, 2 + 2j, 1.01 + 2j, 1 + 0.2j, 0.99 + 2j, 2j])
-    vertices = np.concatenate(
-        [a + (b - a) * np.arange(8) / 8 for a, b in zip(square, np.roll(square, -1), strict=True)]
-    )
-    corners = np.arange(len(vertices)) % 8 == 0
-    domain = PlaneDomain.from_boundary(vertices, corners)
+    places = np.concatenate([a + (b - a) * np.arange(8) / 8 for a, b in zip(square, np.roll(square, -1), strict=True)])
+    corners = np.arange(len(places)) % 8 == 0
+    domain = PlaneDomain.from_boundary(places, corners)
 
     def function(z):
         return (z - (0.5 + 1j)) * (z - (1.5 + 1.5j)) / (z - (1 + 1.5j)) ** 2

@@ -29,7 +29,7 @@ def test_mean_curvature_of_a_cylinder_is_half_of_one_over_its_radius():
 
 
 def test_uneven_triangles_pull_along_a_surface_and_do_not_bend_it():
-    """A plane mesh with one vertex out of the middle has the least area already; a sphere's is pulled to and fro."""
+    """A plane mesh with one vertex out of the middle has the least area already. A sphere's is pulled to and fro."""
     vertices, faces = sphere(4, 1.0)
     moved = vertices + 0.02 * np.random.default_rng(0).normal(size=vertices.shape)
     moved /= np.linalg.norm(moved, axis=1, keepdims=True)
@@ -57,10 +57,8 @@ def test_mesh_without_inner_vertices_has_no_curvature():
 
 def test_mean_curvature_of_a_minimal_patch_falls_with_its_edges():
     # slowly: on unstructured triangles the discrete curvature does not converge vertex by vertex
-    rms = [
-        discrete_mean_curvature((patch := mesh_patch(exact_solution(ENNEPER, n))).vertices, patch.faces).rms
-        for n in (30, 240)
-    ]
+    patches = [mesh_patch(exact_solution(ENNEPER, n)) for n in (30, 240)]
+    rms = [discrete_mean_curvature(patch.vertices, patch.faces).rms for patch in patches]
     assert rms[1] < 0.8 * rms[0]
 
 

@@ -248,7 +248,7 @@ def test_frames_that_collapse_are_refused() -> None:
 )
 def test_edges_that_are_no_frame_are_refused(edges: object, message: str) -> None:
     with pytest.raises(OptionError, match=message):
-        solve_membrane(edges())  # type: ignore[operator]
+        solve_membrane(edges())
 
 
 def test_what_is_no_edge_is_refused_by_its_type() -> None:
@@ -256,7 +256,7 @@ def test_what_is_no_edge_is_refused_by_its_type() -> None:
         with pytest.raises(MeshShapeError, match="both ends of a cable must be real numbers"):
             Cable(start=start, end=(1, 0, 0), tension=1.0)
     with pytest.raises(ArgumentTypeError, match="a sequence of edges"):
-        solve_membrane(5)  # type: ignore[arg-type]
+        solve_membrane(5)
 
 
 def test_what_is_wrong_with_fixed_edges_and_sizes_is_said_alone() -> None:

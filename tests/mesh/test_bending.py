@@ -49,9 +49,8 @@ def test_a_form_is_the_product_of_its_matrices(squared_length: float) -> None:
     vertices[:10] /= 2
     bending, gradient = Bending.of(vertices, faces), Bending.of(vertices, faces[::2])
     weights = np.where(rng.uniform(size=60) < 0.7, rng.uniform(1, 2, 60), 0.0)
-    form = BendingForm(
-        bending=bending, free=free, weights=weights, squared_length=squared_length, gradient=gradient.matrix
-    )
+    sizes = {"weights": weights, "squared_length": squared_length}
+    form = BendingForm(bending=bending, free=free, gradient=gradient.matrix, **sizes)
     slope = bending.laplacian.toarray()[:free] * weights
     whole = slope @ (np.diag(bending.areas) + squared_length * gradient.laplacian.toarray())
     function = rng.normal(size=60)
@@ -67,9 +66,8 @@ def test_a_stiffness_has_as_many_entries_as_it_needs(count: int) -> None:
     ring = np.arange(1, count)
     faces = np.stack([np.zeros(count - 1, dtype=int), ring, np.roll(ring, -1)], axis=1)
     angle = 2 * np.pi * ring / (count - 1)
-    bending = Bending.of(
-        np.concatenate([np.zeros((1, 3)), np.stack([np.cos(angle), np.sin(angle), 0 * angle], 1)]), faces
-    )
+    rim = np.stack([np.cos(angle), np.sin(angle), 0 * angle], 1)
+    bending = Bending.of(np.concatenate([np.zeros((1, 3)), rim]), faces)
     form = BendingForm(bending=bending, free=count, weights=np.ones(count), squared_length=0.0, gradient=bending.matrix)
     laplacian = bending.laplacian.toarray()
     expected = laplacian @ np.diag(bending.areas) @ laplacian / 2

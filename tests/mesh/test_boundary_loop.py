@@ -156,9 +156,8 @@ class TestCorners:
 
     @pytest.mark.parametrize("per_side", [3, 5, 20])
     def test_square_has_four(self, per_side: int) -> None:
-        np.testing.assert_array_equal(
-            np.flatnonzero(detect_corners(polygon_sides(SQUARE, per_side))), np.arange(4) * per_side
-        )
+        found = np.flatnonzero(detect_corners(polygon_sides(SQUARE, per_side)))
+        np.testing.assert_array_equal(found, np.arange(4) * per_side)
 
     def test_sides_of_two_edges_leave_no_corner_alone(self) -> None:
         assert not detect_corners(polygon_sides(SQUARE, 2)).any()
@@ -202,9 +201,7 @@ class TestCorners:
             ((5, 7, 5), (0.2, -0.2, 0.2), 11),
         ],
     )
-    def test_coarse_arcs_between_corners(
-        self, per_side: tuple[int, ...], rise: tuple[float, ...], degrees: float
-    ) -> None:
+    def test_coarse_arcs_with_corners(self, per_side: tuple[int, ...], rise: tuple[float, ...], degrees: float) -> None:
         # parabolas over the sides of a regular polygon; half of the points turn by more than a quarter of 35°
         k = len(per_side)
         ends = circle(k)
@@ -249,10 +246,8 @@ def test_measures_of_many_loops_are_those_of_each() -> None:
 def test_sharp_bends_of_smooth_curves_are_no_corners(width: float, count: int) -> None:
     # equal arcs, a point at each tip, where the turns are 2, 2, 7, 22 and 50, or 2, 3, 6, 24 and 114 degrees
     t = np.linspace(0, 2 * np.pi, 20001)
-    along = np.append(
-        0, np.cumsum(np.linalg.norm(np.diff([np.cos(t), width * np.sin(t), 0.2 * np.cos(2 * t)]), axis=0))
-    )
-    t = np.interp(np.arange(count) / count * along[-1], along, t)
+    arc = np.append(0, np.cumsum(np.linalg.norm(np.diff([np.cos(t), width * np.sin(t), 0.2 * np.cos(2 * t)]), axis=0)))
+    t = np.interp(np.arange(count) / count * arc[-1], arc, t)
     points = np.column_stack([np.cos(t), width * np.sin(t), 0.2 * np.cos(2 * t)])
     assert np.degrees(turning_angles(points)).max() > 35
     assert not detect_corners(points).any()

@@ -14,14 +14,8 @@ from spinor_geom import gallery
 from spinor_geom.errors import CurveError
 from spinor_geom.mesh.curve import BoundaryCurve, ClosedCurve
 
-CURVES = [
-    gallery.twisted_circle(),
-    gallery.tennis_seam(0.75),
-    gallery.ellipse(32.0),
-    gallery.scherk(2.5),
-    gallery.schwarz_d_hexagon(),
-    gallery.l_shape(0.3),
-]
+CURVES = [gallery.twisted_circle(), gallery.tennis_seam(0.75), gallery.ellipse(32.0), gallery.scherk(2.5)]
+CURVES += [gallery.schwarz_d_hexagon(), gallery.l_shape(0.3)]
 
 
 @pytest.mark.parametrize("curve", CURVES, ids=lambda curve: curve.name)
@@ -94,11 +88,8 @@ def ellipse_run(depth: float, start: float) -> ClosedCurve:
 
     def angles(s):
         turn = 2 * np.pi * (np.asarray(s) - start)
-        return (
-            2 * np.pi * np.asarray(s) - depth * np.sin(turn),
-            2 * np.pi * (1 - depth * np.cos(turn)),
-            4 * np.pi**2 * depth * np.sin(turn),
-        )
+        angle, rate = 2 * np.pi * np.asarray(s) - depth * np.sin(turn), 2 * np.pi * (1 - depth * np.cos(turn))
+        return angle, rate, 4 * np.pi**2 * depth * np.sin(turn)
 
     def point(s):
         a, _, _ = angles(s)
@@ -124,9 +115,8 @@ def test_a_curve_of_zero_speed_is_refused_with_the_parameter(start):
 
 
 def of_spline(spline: BSpline, joints: tuple[float, ...]) -> ClosedCurve:
-    return ClosedCurve(
-        point=spline, derivative=spline.derivative(), second_derivative=spline.derivative(2), joints=joints
-    )
+    first, second = spline.derivative(), spline.derivative(2)
+    return ClosedCurve(point=spline, derivative=first, second_derivative=second, joints=joints)
 
 
 def test_splines_are_exact_between_their_joints() -> None:

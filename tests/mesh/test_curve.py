@@ -25,7 +25,7 @@ def curve_of(points: np.ndarray, corners: list[int] | None = None) -> BoundaryCu
 
 
 def wave(count: int, uneven: float = 0.0) -> np.ndarray:
-    """Points of a curve without symmetry; `uneven` is the relative change of their distances."""
+    """Points of a curve without symmetry. `uneven` is the relative change of their distances."""
     t = 2 * np.pi * np.arange(count) / count
     return wave_point(t + uneven * np.sin(t + 1))
 
@@ -77,9 +77,7 @@ class TestInterpolation:
         np.testing.assert_allclose(curve.point(np.nextafter(curve.breaks[1:], 0)), np.roll(points, -1, 0), atol=1e-12)
 
     @pytest.mark.parametrize("degree", [3, 5, 7])
-    def test_all_derivatives_below_the_degree_are_continuous(
-        self, degree: int, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
+    def test_derivatives_below_the_degree_are_continuous(self, degree: int, monkeypatch: pytest.MonkeyPatch) -> None:
         force_degree(degree, monkeypatch)
         curve = curve_of(wave(60, 0.3), [])
         assert curve.degree == degree
@@ -243,11 +241,8 @@ def jittered_shares(count: int) -> np.ndarray:
 
 
 class TestSamplings:
-    @pytest.mark.parametrize("count", [64])
-    def test_even_points_lose_nothing_beside_their_trigonometric_polynomial(
-        self, count: int, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        errors = []
+    def test_even_points_lose_nothing_beside_their_polynomial(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        errors, count = [], 64
         for seed in range(12):
             points = folded_at(seed, np.arange(count) / count)
             limit = BoundaryCurve(

@@ -35,10 +35,9 @@ def rings_of(loops: list[BoundaryLoop]) -> set[tuple[int, ...]]:
 
 def capped(mesh: TriangleMesh, loops: list[BoundaryLoop]) -> np.ndarray:
     """The mesh's faces and a cone over every loop, oriented as the loop runs."""
-    cones = [
-        np.stack([loop.vertex_ids, np.roll(loop.vertex_ids, -1), np.full(len(loop), len(mesh.vertices) + k)], axis=1)
-        for k, loop in enumerate(loops)
-    ]
+    rims = [loop.vertex_ids for loop in loops]
+    apexes = [np.full(len(rim), len(mesh.vertices) + k) for k, rim in enumerate(rims)]
+    cones = [np.stack([rim, np.roll(rim, -1), apex], axis=1) for rim, apex in zip(rims, apexes, strict=True)]
     return np.vstack([mesh.faces, *cones])
 
 
@@ -188,9 +187,7 @@ def test_a_face_of_many_random_corners_is_read_quickly(flat: bool) -> None:
         ("spot_cut.obj", 125, [91, 78, 68]),
     ],
 )
-def test_loops_of_published_meshes(
-    name: str, count: int, longest: list[int], real_mesh: Callable[[str], TriangleMesh]
-) -> None:
+def test_published_meshes(name: str, count: int, longest: list[int], real_mesh: Callable[[str], TriangleMesh]) -> None:
     mesh = real_mesh(name)
     loops = find_boundary_loops(mesh)
     assert len(loops) == count

@@ -66,7 +66,7 @@ def test_sequences_decide_where_lengths_at_one_point_do_not() -> None:
 
 def test_ties_of_many_polygons_are_broken_as_those_of_each() -> None:
     random = np.random.default_rng(5)
-    # multiples of 1/2 give many equal lengths; some of the polygons are symmetric
+    # multiples of 1/2 give many equal lengths. Some of the polygons are symmetric
     many = random.integers(0, 3, (300, 6, 3)) / 2.0
     many[::3, 3:] = -many[::3, :3]
     beside = random.integers(0, 2, (300, 3)) * 1.0

@@ -81,8 +81,7 @@ def test_the_laplacian_of_a_graph_has_degrees_on_its_diagonal_and_rows_of_sum_ze
     [
         cotangent_laplacian,
         mollified_laplacian,
-        partial(mass_matrix, kind="voronoi"),
-        partial(mass_matrix, kind="barycentric"),
+        *(partial(mass_matrix, kind=kind) for kind in ("voronoi", "barycentric")),
     ],
     ids=["cotangent", "mollified", "voronoi", "barycentric"],
 )

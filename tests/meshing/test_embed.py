@@ -105,9 +105,8 @@ def test_plane_patch_has_the_polygon_s_area():
 
 def test_loop_points_that_cross_in_the_domain_are_refused():
     solution = exact_solution(PLANE, 8)
-    object.__setattr__(
-        solution.rims[0], "points_in_domain", lambda: np.exp(2j * np.pi * np.array([0, 2, 1, 3, 4, 5, 6, 7]) / 8)
-    )
+    crossed = np.exp(2j * np.pi * np.array([0, 2, 1, 3, 4, 5, 6, 7]) / 8)
+    object.__setattr__(solution.rims[0], "points_in_domain", lambda: crossed)
     with pytest.raises(DomainError):
         mesh_patch(solution)
 

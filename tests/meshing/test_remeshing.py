@@ -59,14 +59,12 @@ def test_remeshing_does_not_depend_on_numbers_and_axes(change: str) -> None:
     if change == "renumbered":
         order = np.concatenate([np.arange(m), m + rng.permutation(len(vertices) - m)])
         place = np.argsort(order)
-        other = replace(
-            patch, vertices=vertices[order], faces=rng.permutation(place[faces]), points=patch.points[order]
-        )
+        same = replace(patch, vertices=vertices[order], faces=rng.permutation(place[faces]), points=patch.points[order])
     else:
         turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
         turn *= np.linalg.det(turn)
-        other = replace(patch, vertices=vertices @ turn)
-    new, again = (remesh(each, GRADED, NONE) for each in (replace(patch, vertices=vertices), other))
+        same = replace(patch, vertices=vertices @ turn)
+    new, again = (remesh(each, GRADED, NONE) for each in (replace(patch, vertices=vertices), same))
     assert len(new.vertices) == len(again.vertices)
     distance, _ = cKDTree(new.vertices @ turn).query(again.vertices)
     assert distance.max() < 1e-9
@@ -139,7 +137,7 @@ def test_a_sharp_corner_of_the_rim_keeps_its_angle_and_no_other_is_small() -> No
 
 
 def test_a_short_edge_of_the_rim_beside_a_long_one_leaves_no_small_angle() -> None:
-    # the triangle over an edge and one of a seventh has an angle of 8°; it is cut off from the rest by a chord
+    # the triangle over an edge and one of a seventh has an angle of 8°. It is cut off from the rest by a chord
     polygon = np.array([0, 1, 1 + 1j, 1j, -0.14 + 1j, -0.14]) * 1.0
     patch = over(polygon)
     assert smallest_angle(patch) < 8.1
@@ -149,15 +147,11 @@ def test_a_short_edge_of_the_rim_beside_a_long_one_leaves_no_small_angle() -> No
 @pytest.mark.parametrize("below", [0.06, 0.1, 0.15, 0.25])
 @pytest.mark.parametrize("inner", [0.12 + 0.05j, 0.125 + 0.15j, 0.125 - 0.03j])
 def test_a_narrow_tooth_of_the_rim_is_not_divided(inner: complex, below: float) -> None:
-    # a tooth of 14°; its halves have 7°
+    # a tooth of 14°. Its halves have 7°
     points = np.array([-1j * below, 0.25 - 1j * below, 0.25, 0.1 + 1j, 0, inner])
     faces = np.array([[k, (k + 1) % 5, 5] for k in range(5)])
-    tooth = Patch(
-        vertices=np.column_stack([points.real, points.imag, 0 * points.real]),
-        faces=faces,
-        boundary_size=5,
-        points=points,
-    )
+    vertices = np.column_stack([points.real, points.imag, 0 * points.real])
+    tooth = Patch(vertices=vertices, faces=faces, boundary_size=5, points=points)
     assert smallest_angle(tooth) < 7.2
     new = remesh(tooth, GRADED, NONE)
     require_same_rims(new, tooth)

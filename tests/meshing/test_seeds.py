@@ -42,9 +42,8 @@ def test_patches_over_the_disk_have_round_triangles_of_even_size(loop, factor):
     t = 2 * np.pi * np.arange(96) / 96
     t = t + 0.5 * np.sin(t) if loop == "uneven" else t
     width, height = (1.0, 0.4) if loop == "saddle" else (1.5, 0.3)
-    solution = solve_plateau(
-        BoundaryLoop.from_points(np.stack([width * np.cos(t), np.sin(t), height * np.cos(2 * t)], axis=1))
-    )
+    points = np.stack([width * np.cos(t), np.sin(t), height * np.cos(2 * t)], axis=1)
+    solution = solve_plateau(BoundaryLoop.from_points(points))
     assert solution.route == "disk"
     target = factor * solution.loop.mean_edge_length
     patch = mesh_patch(solution, target)

@@ -9,13 +9,8 @@ from tests.fill.shapes import on_circle
 
 def patch_size_field(surface, boundary, target):
     samples = surface.domain.triangulation.points
-    piece = Piece(
-        rims=[boundary],
-        samples=samples,
-        factor=surface.conformal_factor(samples),
-        lengths=EdgeLengths(target),
-        area=surface.area(),
-    )
+    factor, area = surface.conformal_factor(samples), surface.area()
+    piece = Piece(rims=[boundary], samples=samples, factor=factor, lengths=EdgeLengths(target), area=area)
     return size_field(piece).over(boundary).sizes
 
 

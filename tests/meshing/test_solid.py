@@ -17,11 +17,8 @@ def circle(z: float) -> BoundaryLoop:
 
 
 def solutions() -> dict[str, PlateauSolution]:
-    found = {
-        "disk": solve_plateau(circle(0)),
-        "seam": solve_plateau(gallery.tennis_seam(0.75)),
-        "catenoid": solve_plateau([circle(0), circle(0.8)]),
-    }
+    found = {"disk": solve_plateau(circle(0)), "catenoid": solve_plateau([circle(0), circle(0.8)])}
+    found["seam"] = solve_plateau(gallery.tennis_seam(0.75))
     return {name: one for name, one in found.items() if isinstance(one, PlateauSolution)}
 
 
@@ -41,7 +38,7 @@ def test_a_solid_is_watertight_and_has_the_volume_of_its_thickness(edge: Literal
 
 
 def test_sides_are_at_half_the_thickness_along_exact_normals() -> None:
-    plate = solve_plateau(circle(0)).solid(0.1, edge="straight")  # type: ignore[union-attr]
+    plate = solve_plateau(circle(0)).solid(0.1, edge="straight")
     assert np.abs(np.abs(plate.vertices[:, 2]) - 0.05).max() < 1e-12
     catenoid = solutions()["catenoid"]
     upper, lower = catenoid.solid(0.1, edge="straight").vertices.reshape(2, -1, 3)

@@ -98,5 +98,5 @@ def test_matched_parameters_are_interpolated_to_themselves() -> None:
     (rim, _) = annulus().rims
     t, s = rim.matching.T
     assert np.array_equal(rim.parameters(s), t)
-    # as next to them, by interpolation; steps of 1e-9 change parameters by about as much
+    # as next to them, by interpolation. Steps of 1e-9 change parameters by about as much
     assert rim.parameters(s + 1e-9) == pytest.approx(t, abs=1e-7)

@@ -80,7 +80,7 @@ def fourier_points(seed: int) -> np.ndarray:
 
 # cubic splines through 77 points take 33,000 control points; Ω of the second curve has a bump far shorter than the side
 # of a patch there
-@pytest.mark.parametrize("seed", [5000, 6000])
+@pytest.mark.parametrize("seed", [5000, pytest.param(6000, marks=pytest.mark.slow)])
 def test_patches_over_points_of_smooth_curves_converge(seed: int) -> None:
     solution = spinor_geom.solve_plateau(fourier_points(seed), tolerance=1e-5)
     surface = solution.to_nurbs()
@@ -133,7 +133,7 @@ def test_rigid_motion_and_scale_move_the_control_points() -> None:
     moved = BoundaryLoop.from_points(30 * loop.points @ rotation.T + [1, 2, 3], corners=())
     one, other = (spinor_geom.solve_plateau(each).to_nurbs(tolerance=1e-4) for each in (loop, moved))
     assert len(one.patches) == len(other.patches)
-    # the knots may differ; the error of the area is of second order in that of positions
+    # the knots may differ. The error of the area is of second order in that of positions
     assert abs(other.area / (900 * one.area) - 1) < 1e-6
 
 

@@ -38,13 +38,7 @@ CASES = {
     "cusps": (cusps, 100 - 25 * np.pi, 1, 3, 1e-4),
     "L": (lambda: spinor_geom.solve_plateau(curves.l_shape()), 3.0, 1, 6, 1e-14),
     "disk": (lambda: spinor_geom.solve_plateau(placed(circle(2), [])), 4 * np.pi, 1, 1, 1e-6),
-    "annulus": (
-        lambda: spinor_geom.solve_plateau([placed(circle(1), []), placed(circle(2), [])]),
-        3 * np.pi,
-        2,
-        2,
-        1e-6,
-    ),
+    "annulus": (lambda: spinor_geom.solve_plateau([placed(circle(r), []) for r in (1, 2)]), 3 * np.pi, 2, 2, 1e-6),
 }
 
 

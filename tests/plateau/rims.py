@@ -96,7 +96,7 @@ def knoid_curves(k, rho, steps=512) -> tuple[ClosedCurve, ...]:
     """The rims of Jorge and Meeks's k-noid on the sphere less the disks |z − ω| < ρ about the k-th roots of unity.
 
     φ = (½(1 − g²), ½i(1 + g²), g) dz/(z^k − 1)², g = z^(k−1), integrated from 0 to 1 − ρ and then around one disk, as a
-    Fourier series; the other rims are turned.
+    Fourier series. The other rims are turned.
     """
 
     def phi(z):

@@ -23,10 +23,8 @@ def saddle(points: int, seed: int) -> BoundaryLoop:
     """A curve around a saddle, not quite regular."""
     random = np.random.default_rng(seed)
     t = 2 * np.pi * (np.arange(points) + 0.3 * random.random(points)) / points
-    height = random.uniform(0.1, 0.6)
-    return BoundaryLoop.from_points(
-        np.stack([np.cos(t), random.uniform(0.5, 1) * np.sin(t), height * np.cos(2 * t)], 1)
-    )
+    height, width = random.uniform(0.1, 0.6), random.uniform(0.5, 1)
+    return BoundaryLoop.from_points(np.stack([np.cos(t), width * np.sin(t), height * np.cos(2 * t)], 1))
 
 
 @settings(max_examples=3)

@@ -58,11 +58,8 @@ def test_fillets_between_straight_edges_in_space() -> None:
     ahead, back = (v / np.linalg.norm(v, axis=1, keepdims=True) for v in (ahead, back))
     edges = []
     for k in range(4):
-        first, last, after = (
-            corners[k] + back[k] / 2,
-            corners[k] + ahead[k] / 2,
-            corners[(k + 1) % 4] + back[(k + 1) % 4] / 2,
-        )
+        first, last = corners[k] + back[k] / 2, corners[k] + ahead[k] / 2
+        after = corners[(k + 1) % 4] + back[(k + 1) % 4] / 2
         edges.append(cad.Edge.make_tangent_arc(tuple(first), tuple(-back[k]), tuple(last)))
         edges.append(cad.Edge.make_line(tuple(last), tuple(after)))
     solution = solve_plateau(edges, tolerance=1e-5)

@@ -36,11 +36,9 @@ def test_an_area_is_not_negative_where_the_rim_is_not_resolved(monkeypatch):
 def test_disk_over_a_knot_crosses_itself():
     t = 2 * np.pi * np.arange(60) / 60
     knot = np.column_stack([np.sin(t) + 2 * np.sin(2 * t), np.cos(t) - 2 * np.cos(2 * t), -np.sin(3 * t)])
-    solution = solve_plateau(
-        BoundaryLoop.from_points(knot, corners=()), tolerance=1e-2, model="cauchy", unstable="keep"
-    )
-    assert solution.self_intersections > 0
-    assert solution.to_dict()["self_intersections"] == solution.self_intersections
+    found = solve_plateau(BoundaryLoop.from_points(knot, corners=()), tolerance=1e-2, model="cauchy", unstable="keep")
+    assert found.self_intersections > 0
+    assert found.to_dict()["self_intersections"] == found.self_intersections
 
 
 def test_plane_triangles_do_not_cross():

@@ -63,6 +63,5 @@ def test_derivatives_of_the_energy():
         )
         second = float((after.energy - 2 * here.energy + before.energy)[0]) / step**2
         assert second == pytest.approx(float(hessian[count + k, count + k]), rel=1e-4)
-        np.testing.assert_allclose(
-            (after.by_slides - before.by_slides) / (2 * step), hessian[:count, count + k], rtol=1e-4, atol=1e-5
-        )
+        slope = (after.by_slides - before.by_slides) / (2 * step)
+        np.testing.assert_allclose(slope, hessian[:count, count + k], rtol=1e-4, atol=1e-5)

@@ -20,10 +20,8 @@ CRITICAL = 0.662743419349181580975  # of unit circles at heights ±h
 
 
 def curves(pair):
-    return tuple(
-        BoundaryCurve.from_loop(one) if isinstance(one, BoundaryLoop) else BoundaryCurve.from_formula(one)
-        for one in pair
-    )
+    of = {True: BoundaryCurve.from_loop, False: BoundaryCurve.from_formula}
+    return tuple(of[isinstance(one, BoundaryLoop)](one) for one in pair)
 
 
 @pytest.mark.parametrize(("share", "parted"), [(0.5, False), (0.99999, False), (1.0003, True), (2.0, True)])

@@ -147,7 +147,7 @@ def test_a_roof_keeps_its_corners():
 @pytest.mark.slow
 @pytest.mark.parametrize(("tolerance", "residual"), [(1e-3, 2e-4), (1e-6, 3e-6)])
 def test_lunes_with_narrow_gaps(tolerance, residual):
-    # the film leaves the corners outwards; the area is that of the harmonic surface
+    # the film leaves the corners outwards. The area is that of the harmonic surface
     tips = np.array([[0.2, 0, 0.98], [0.2, 0, -0.98]])
     loops = []
     for k in range(3):
@@ -169,9 +169,8 @@ def test_tetrahedron_with_narrow_gaps():
         corners = np.delete(vertices, k, axis=0)[:: (-1) ** k]
         middles = corners + np.roll(corners, -1, axis=0)
         middles /= np.linalg.norm(middles, axis=1)[:, None]
-        tips, middles = (
-            at / np.linalg.norm(at, axis=1)[:, None] for at in (corners - 0.07 * opposite, middles - 0.1 * opposite)
-        )
+        moved = corners - 0.07 * opposite, middles - 0.1 * opposite
+        tips, middles = (at / np.linalg.norm(at, axis=1)[:, None] for at in moved)
         sides = map(_arc, tips, middles, np.roll(tips, -1, axis=0), [6, 6, 6])
         loops.append(BoundaryLoop.from_points(np.concatenate(list(sides)), corners=[0, 6, 12]))
     solution = solve_plateau(loops)

@@ -102,7 +102,7 @@ def test_moved_domain_keeps_its_corners_angles():
     t = moved.boundary.parameters[:-1][moved.boundary.corners]
     assert np.abs(moved.boundary.vertices - square.boundary.vertices).max() > 1e-3
     turn = np.angle(moved.boundary.derivative(t + 1e-9) / moved.boundary.derivative(t - 1e-9))
-    # the sides become curved; the spline through 20 edges turns at the corner by the right angle to its own error
+    # the sides become curved. The spline through 20 edges turns at the corner by the right angle to its own error
     np.testing.assert_allclose(turn, np.pi / 2, atol=2e-2)
 
 

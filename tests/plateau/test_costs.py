@@ -48,7 +48,7 @@ def test_narrow_smooth_loops_keep_the_area_of_their_curve() -> None:
 
 @pytest.mark.parametrize("seed", every_second(range(3)))
 def test_networks_that_cannot_meet_the_tolerance_do_not_grow_on(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The work of a linearisation is the number of features cubed; the largest number takes seconds."""
+    """The work of a linearisation is the number of features cubed. The largest number takes seconds."""
     fit, work = network_route.gauss_newton, []
 
     def counted(problem, readout, slide, **options):

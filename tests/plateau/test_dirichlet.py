@@ -72,9 +72,8 @@ def test_form_is_symmetric_and_positive_but_for_constants(boundary, seed):
     # smooth functions on more samples than the kernel has
     t, random = even(192), np.random.default_rng(seed)
     angles = 2 * np.pi * t[:, None] * np.arange(1, 9)
-    x, y = (
-        np.concatenate([np.cos(angles), np.sin(angles)], axis=1) @ np.array(random.normal(size=(16, 1))) for _ in "xy"
-    )
+    waves = np.concatenate([np.cos(angles), np.sin(angles)], axis=1)
+    x, y = (waves @ np.array(random.normal(size=(16, 1))) for _ in "xy")
     one_way, other_way = float((x * form(y)).sum()), float((y * form(x)).sum())
     scale = float(np.linalg.norm(x) * np.linalg.norm(form(y)))
     assert abs(one_way - other_way) < 1e-12 * scale

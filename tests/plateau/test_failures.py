@@ -74,9 +74,8 @@ def test_a_surface_that_is_farther_from_the_loop_than_its_size_is_none(distance:
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e200])
 def test_gauss_newton_ends_where_the_energy_is_not_finite(value: float) -> None:
     curve = CurveTensors.of(BoundaryCurve.from_loop(SMOOTH), NUMPY)
-    stage = Discretisation.first(
-        gallery.enneper(0.8).surface.domain, (curve,), (np.empty(0),), degree=8, offset=1.0, at_corner=9
-    )
+    domain = gallery.enneper(0.8).surface.domain
+    stage = Discretisation.first(domain, (curve,), (np.empty(0),), degree=8, offset=1.0, at_corner=9)
     z = np.asarray(stage.panels.z)
     with one_thread():
         readout = stage.readout_of(np.stack([np.ones_like(z), z], axis=-1)) * value
@@ -100,10 +99,8 @@ def test_cracks_hairs_and_coincident_points_raise_nothing_untyped(seed: int) -> 
     hair = np.insert(points, place + 1, [1.5 * points[place], points[place] * (1 + 1e-8)], axis=0)
     pairs = points.copy()
     pairs[random.choice(n, 4)] = points[random.choice(n, 4)] + 1e-9 * random.normal(size=(4, 3))
-    loops = [
-        BoundaryLoop(points=p, vertex_ids=np.arange(len(p)), corners=np.zeros(len(p), bool))
-        for p in (crack, hair, pairs)
-    ]
+    closed = (crack, hair, pairs)
+    loops = [BoundaryLoop(points=p, vertex_ids=np.arange(len(p)), corners=np.zeros(len(p), bool)) for p in closed]
     # a second is enough for most, and what is cut short is typed too
     for options in ({"between": "free"}, {"model": "cauchy"}, {"model": "series"}):
         answers = list(solve_plateau_batch(loops, time_limit=1.0, max_iterations=20, **options))

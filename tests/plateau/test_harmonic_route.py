@@ -84,7 +84,7 @@ def test_smooth_loops_meet_a_sharp_tolerance(curve, route, model):
     assert isinstance(solution.array_surface.model, model)
     assert solution.boundary_residual.rms_per_edge < 1e-8
     assert all(step.method == "Douglas-Newton" for step in solution.history)
-    # holomorphic p and q, so minimal; the boundary's nodes lie too near for derivatives there
+    # holomorphic p and q, so minimal. The boundary's nodes lie too near for derivatives there
     inner = solution.domain.triangulation.points[solution.domain.triangulation.boundary_size :]
     z = inner[:: len(inner) // 10]
     scale = np.sqrt(np.abs(solution.surface.gauss_curvature(z)).max())

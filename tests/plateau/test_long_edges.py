@@ -60,7 +60,7 @@ def test_bent_rims_have_the_area_over_their_polygon(name: str) -> None:
         solution = solve_plateau(BoundaryLoop.from_points(points), between=between, tolerance=1e-2)
         # corners of very long sides are hard for networks, which say so
         assert solution.converged or between == "smooth"
-        # as of plane ones; the discrete surface has half a per cent too much at most
+        # as of plane ones. The discrete surface has half a per cent too much at most
         assert 0.975 < solution.area / area < 1.06, between
 
 

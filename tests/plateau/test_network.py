@@ -49,14 +49,12 @@ def test_refinement_adds_where_the_residual_is_and_keeps_the_fit(stage):
 
 def test_share_at_corners_counts_the_edges_that_end_there():
     corners = np.isin(np.arange(12), [0, 3, 6, 9])
-    square = [
-        complex(*p) for p in gallery.polygon([(0, 0, 0), (3, 0, 0), (3, 3, 0), (0, 3, 0)]).sample(12).points[:, :2]
-    ]
-    domain = PlaneDomain.from_boundary(np.array(square), corners)
+    x, y, _ = gallery.polygon([(0, 0, 0), (3, 0, 0), (3, 3, 0), (0, 3, 0)]).sample(12).points.T
+    domain = PlaneDomain.from_boundary(x + 1j * y, corners)
     curve = CurveTensors.of(BoundaryCurve.from_loop(gallery.enneper(0.8).rim(12)), NUMPY)
     pairs = np.arange(4) / 4
     stage = Discretisation.first(domain, (curve,), (pairs,), degree=4, offset=1.0, at_corner=9)
-    # of the three edges of each side the middle one ends at no corner; each edge has its length as its energy
+    # of the three edges of each side the middle one ends at no corner. Each edge has its length as its energy
     assert stage.share_at_corners(np.diff(stage.panels.breaks)) == pytest.approx(2 / 3)
 
 

@@ -71,7 +71,7 @@ def test_parameter_and_slide_increase_and_are_inverse_to_each_other(points, seed
 def test_steps_are_shorter_at_bends_and_among_many_vertices():
     tips = density_of(LOOPS["saddle 8:1"])
     width = np.diff(tips.curve.length_share(tips.slide(np.linspace(0, 1, 257))))
-    # the ellipse's tips are at s = 0 and ½; a third of the nodes follow the turning
+    # the ellipse's tips are at s = 0 and ½. A third of the nodes follow the turning
     assert width[[0, 127, 128, 255]].max() < 0.3 * width[[64, 192]].min()
     t = 2 * np.pi * np.concatenate([np.arange(20) / 40, 0.5 + np.arange(100) / 200])
     uneven = density_of(BoundaryLoop.from_points(np.stack([np.cos(t), np.sin(t), 0 * t], axis=1), corners=()))
@@ -115,13 +115,9 @@ def test_rounding_leaves_an_ellipse_an_ellipse_and_rounds_a_square_off():
 def test_domains_that_cross_themselves_or_are_too_narrow_are_refused():
     eight = FourierBoundary(np.array([0.8, 0, 0, 1, 0]), 64)
     # Λ of an ellipse is symmetric however few steps there are
-    for boundary, steps, reason in (
-        (eight, 256, "crosses itself"),
-        (PEANUT, 64, "narrow"),
-        (ellipse(8.0), 32, "narrow"),
-    ):
+    for rim, steps, reason in ((eight, 256, "crosses itself"), (PEANUT, 64, "narrow"), (ellipse(8.0), 32, "narrow")):
         with pytest.raises(DomainError, match=reason):
-            resolved_form(boundary, steps, NUMPY)
+            resolved_form(rim, steps, NUMPY)
     assert resolved_form(PEANUT, 256, NUMPY).error < 1e-5
     with time_limit(0.0), pytest.raises(OutOfTimeError):
         resolved_form(PEANUT, 256, NUMPY)

@@ -30,9 +30,7 @@ def check(by_numpy, by_torch):
     # stopped at a relative gradient of 1e-7 or more, steps differ by the rounding errors of their sums
     scale = by_numpy.boundary_residual.diagonal
     assert by_torch.area == pytest.approx(by_numpy.area, rel=1e-9)
-    np.testing.assert_allclose(
-        by_torch.boundary_residual.rms, by_numpy.boundary_residual.rms, rtol=0, atol=1e-7 * scale
-    )
+    assert abs(by_torch.boundary_residual.rms - by_numpy.boundary_residual.rms) < 1e-7 * scale
     z = by_numpy.domain.triangulation.points
     z = z[by_numpy.domain.triangulation.boundary_size :][::7]
     np.testing.assert_allclose(other.position(z), surface.position(z), rtol=0, atol=1e-7 * scale)

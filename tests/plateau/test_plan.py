@@ -26,18 +26,15 @@ SMOOTH = gallery.twisted_circle().sample(40)
 SKEW = BoundaryLoop.from_points([(0, 0, 0), (1, 0, 1), (1, 1, 0), (0, 1, 1)], corners=[0, 1, 2, 3])
 SEEN = BoundaryLoop.from_points(gallery.schwarz_d_quadrilateral().sample(40).points)
 # a saddle of seven points
-FEW = BoundaryLoop.from_points(
-    [(np.cos(t), np.sin(t), 0.3 * np.cos(2 * t)) for t in 2 * np.pi * np.arange(7) / 7], corners=()
-)
+T = 2 * np.pi * np.arange(7) / 7
+FEW = BoundaryLoop.from_points(np.stack([np.cos(T), np.sin(T), 0.3 * np.cos(2 * T)], axis=1), corners=())
 
 
 def rough_pair() -> list[BoundaryLoop]:
     """Two rims, one above the other, whose points are moved by a sixth of an edge."""
     rng = np.random.default_rng(1)
-    return [
-        BoundaryLoop.from_points(one.points + 0.016 * rng.normal(size=(64, 3)), corners=())
-        for one in (sampled(curve, 64) for curve in coaxial(0.4))
-    ]
+    rims = (sampled(curve, 64).points for curve in coaxial(0.4))
+    return [BoundaryLoop.from_points(points + 0.016 * rng.normal(size=(64, 3)), corners=()) for points in rims]
 
 
 def finger() -> BoundaryLoop:

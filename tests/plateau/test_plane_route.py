@@ -48,9 +48,8 @@ def test_ellipses_are_as_good_as_their_spline(ratio, points):
 
 def test_float32_rounds_no_loop_out_of_its_plane():
     loop = moved(planar(L_SHAPE, 40), 4, 1.0)
-    rounded = BoundaryLoop.from_points(
-        loop.points.astype(np.float32).astype(np.float64), corners=np.flatnonzero(loop.corners)
-    )
+    points = loop.points.astype(np.float32).astype(np.float64)
+    rounded = BoundaryLoop.from_points(points, corners=np.flatnonzero(loop.corners))
     assert solve_plateau(rounded).route == "plane"
     # unless more is asked for than float32 holds
     assert lie_in_plane([rounded], allowed=1e-7)
@@ -73,9 +72,8 @@ def test_the_loops_points_are_found_in_the_domain():
 
 def test_a_spline_that_crosses_itself_goes_elsewhere():
     # two long thin lobes: the spline through so few points swings across itself
-    points = np.array(
-        [(0, 0, 0), (10, 0.02, 0), (10, 0.03, 0), (0.1, 0.05, 0), (10, 0.07, 0), (10, 0.08, 0), (0, 0.1, 0)]
-    )
+    plane = [(0, 0), (10, 0.02), (10, 0.03), (0.1, 0.05), (10, 0.07), (10, 0.08), (0, 0.1)]
+    points = np.pad(np.array(plane), ((0, 0), (0, 1)))
     assert solve_plateau(BoundaryLoop.from_points(points), between="smooth").route != "plane"
     assert solve_plateau(BoundaryLoop.from_points(points, corners=())).route != "plane"
 

@@ -8,10 +8,7 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau.vertices import point_equations
 from spinor_geom.plateau.vertices.point_equations import PointEquations
 from spinor_geom.surface.formulas import null_vector
-
-
-def random_complex(rng: np.random.Generator, *shape: int) -> np.ndarray:
-    return rng.normal(size=(*shape, 2)) @ [1, 1j]
+from tests.holomorphic.test_cauchy_sums import random_complex
 
 
 def equations(paths: int, features: int = 90) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -66,9 +66,8 @@ def test_flag_and_reason_agree_with_the_residual(name: str, tolerance: float) ->
     assert solution.tolerance == tolerance
     is_met = residual.rms_per_edge <= tolerance and residual.max_per_local_edge <= LOCAL_TOLERANCES * tolerance
     assert solution.converged == is_met
-    reported = re.match(
-        r"residual (\S+) of the mean edge after \d+ steps(, above the tolerance (\S+):|, but|;|$)", solution.reason
-    )
+    sentence = r"residual (\S+) of the mean edge after \d+ steps(, above the tolerance (\S+):|, but|;|$)"
+    reported = re.match(sentence, solution.reason)
     # the sentence has two digits
     assert float(reported[1]) == float(f"{residual.rms_per_edge:.1e}")
     assert reported[3] is None or float(reported[3]) == tolerance

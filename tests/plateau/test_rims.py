@@ -100,10 +100,8 @@ def test_rims_whose_circles_cross_have_starts():
     corners = 0.9 * TETRAHEDRON - 0.1 * TETRAHEDRON[:, None]
     faces = [polygon(np.delete(own, k, axis=0), 6) for k, own in enumerate(corners)]
     curves = [BoundaryCurve.from_loop(face) for face in faces]
-    rims = [
-        Rim(number=k, directions=(CurveTensors.of(curve, NUMPY), CurveTensors.of(curve.reversed(), NUMPY)))
-        for k, curve in enumerate(curves)
-    ]
+    ways = ([CurveTensors.of(way, NUMPY) for way in (curve, curve.reversed())] for curve in curves)
+    rims = [Rim(number=k, directions=tuple(both)) for k, both in enumerate(ways)]
     assert len(projected_starts(rims, 32)) == 2
 
 

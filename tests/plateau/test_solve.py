@@ -23,9 +23,8 @@ def test_area_converges_at_order_four_where_the_spline_is_cubic(monkeypatch):
     for n in counts:
         # long and short steps in turn, as no smooth parameter has them
         s = (np.arange(n) + 0.2 * (-1.0) ** np.arange(n)) / n
-        solution = solve_plateau(
-            BoundaryLoop.from_points(CURVES["twisted circle"].point(s)), tolerance=1e-5, between="smooth"
-        )
+        loop = BoundaryLoop.from_points(CURVES["twisted circle"].point(s))
+        solution = solve_plateau(loop, tolerance=1e-5, between="smooth")
         assert solution.curve.kind == "cubic"
         errors.append(abs(solution.area / CURVES["twisted circle"].disks[0].area - 1))
     assert 3.5 < -np.polyfit(np.log(counts), np.log(errors), 1)[0] < 4.5

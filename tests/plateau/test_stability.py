@@ -37,7 +37,7 @@ def test_small_enneper_disks_are_stable_by_their_total_curvature(radius):
     assert stability.verdict == "stable"
     assert stability.index == 0
     assert stability.eigenvalue is None
-    # the image is a cap of the sphere; the integral along the circle has no error but that of 256 samples
+    # the image is a cap of the sphere. The integral along the circle has no error but that of 256 samples
     assert abs(stability.total_curvature / (4 * np.pi * radius**2 / (1 + radius**2)) - 1) < 1e-7
 
 

@@ -45,9 +45,8 @@ def test_signs_are_right_where_frames_turn_so_far_that_neighbours_on_the_boundar
     disk = first_disk(loop.points)
     flat = flatten(disk.vertices, disk.faces, len(loop)).boundary
     after = np.roll(np.arange(len(loop)), -1)
-    face = [
-        np.flatnonzero((disk.faces == a).any(axis=1) & (disk.faces == b).any(axis=1))[0] for a, b in enumerate(after)
-    ]
+    around = [(disk.faces == k).any(axis=1) for k in range(len(loop))]
+    face = [np.flatnonzero(around[a] & around[b])[0] for a, b in enumerate(after)]
     a, b, c = disk.vertices[disk.faces[face].T]
     frames = spinors_from_phi(lifted_frames(disk.vertices, np.cross(b - a, c - a), flat, after))
     assert not signs_close_up(*frames)

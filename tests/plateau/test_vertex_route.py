@@ -87,7 +87,6 @@ def test_rims_cut_along_triangles_are_met_by_films_that_cross_nothing() -> None:
     for hole in map(ragged_hole, CUT[::3]):
         _, report = sg.fill_hole((hole.vertices, hole.faces), loop=hole.rim_indices, return_report=True)
         (outcome,) = (one for one in report.loops if one.requested)
-        assert outcome.solution is not None
         residuals.append(outcome.solution.boundary_residual.rms_per_edge)
         crossings += outcome.intersections
     assert np.quantile(residuals, 0.9) < 1e-3

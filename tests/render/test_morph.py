@@ -31,13 +31,9 @@ ANGLES = st.floats(-10, 10)
 def catenoid_on_a_ring() -> ArraySurface:
     """p = 1, q = 1/z over the unit disk: ∮ φ dz is not 0 around the pole, and imaginary."""
     z = np.exp(2j * np.pi * np.arange(64) / 64)
-    model = CauchyNetwork.orthonormal_on(
-        z,
-        np.ones(64, dtype=np.float64),
-        poles=np.zeros(1, dtype=np.complex128),
-        scales=np.ones(1, dtype=np.float64),
-        degree=1,
-    )
+    ones = np.ones(64, dtype=np.float64)
+    pole, scale = np.zeros(1, dtype=np.complex128), ones[:1]
+    model = CauchyNetwork.orthonormal_on(z, ones, poles=pole, scales=scale, degree=1)
     wanted = np.stack([np.ones_like(z), 1 / z], axis=1)
     readout = np.linalg.lstsq(model.features(z), wanted)[0]
     return ArraySurface(replace(model, readout=readout), PlaneDomain.disk())
@@ -141,9 +137,8 @@ def test_the_slider_of_the_page_turns_the_surface_in_a_browser(chromium: Any, tm
         canvas = page.locator("canvas")
         seen = []
         for angle in (0, 90, 360):
-            page.locator("input[type=range]").evaluate(
-                "(slider, angle) => { slider.value = angle; slider.dispatchEvent(new Event('input')); }", angle
-            )
+            moved = "(slider, angle) => { slider.value = angle; slider.dispatchEvent(new Event('input')); }"
+            page.locator("input[type=range]").evaluate(moved, angle)
             seen.append(canvas.screenshot())
             assert page.locator("output").text_content() == f"{angle}°"
         assert seen[0] == seen[2]
@@ -153,9 +148,7 @@ def test_the_slider_of_the_page_turns_the_surface_in_a_browser(chromium: Any, tm
 
 
 @pytest.mark.parametrize("name", ["catenoid.avi", "catenoid", "catenoid.gif.txt"])
-def test_an_unknown_format_is_refused_before_any_work(
-    tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_unknown_formats_are_refused_before_work(tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(OptionError, match=re.escape(", ".join(SUFFIXES))):
         morph(gallery.catenoid().surface, tmp_path / name)
     assert main(["morph", "catenoid", "-o", str(tmp_path / name)]) == 2

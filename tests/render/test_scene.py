@@ -101,9 +101,8 @@ def test_a_whole_mesh_is_seen_from_the_side_of_its_patches() -> None:
     middles = sphere.triangles_center
     holes = [middles @ np.array(towards) > limit for towards, limit in (((0, 0, 1), 0.93), ((0, 0, -1), 0.9))]
     small = [middles @ np.array(towards) / np.sqrt(1.25) > 0.95 for towards in ((1, 0.5, 0), (1, -0.5, 0))]
-    _, report = fill_hole(
-        (sphere.vertices, sphere.faces[~np.any(holes + small, axis=0)]), [0, 2, 3], return_report=True
-    )
+    faces = sphere.faces[~np.any(holes + small, axis=0)]
+    _, report = fill_hole((sphere.vertices, faces), [0, 2, 3], return_report=True)
     scene = whole_scene(report, "z", aspect=2)
     mesh, rims, patches = scene.layers
     towards = [outcome.loop.plane.normal @ scene.camera.direction for outcome in report.loops]

@@ -35,9 +35,8 @@ def filled() -> FillResult:
 
 def sphere() -> TriangleMesh:
     ball = trimesh.creation.icosphere(subdivisions=3, radius=2.0)
-    return TriangleMesh(
-        np.asarray(ball.vertices), np.asarray(ball.faces), vertex_attributes={"heat": ball.vertices[:, :1]}
-    )
+    arrays = np.asarray(ball.vertices), np.asarray(ball.faces)
+    return TriangleMesh(*arrays, vertex_attributes={"heat": ball.vertices[:, :1]})
 
 
 def test_a_surface_as_pyvista_has_the_exact_curvature_at_its_vertices(enneper: PlateauSolution) -> None:
@@ -107,7 +106,7 @@ def test_what_a_notebook_shows_is_a_page_of_its_own_and_drawn(
             drawn = frame.wait_for_function(
                 """() => { const canvas = document.querySelector("canvas");
                 const seen = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
-                return new Set(new Uint32Array(seen.buffer)).size > 1; }""",  # colours; a plane patch has one
+                return new Set(new Uint32Array(seen.buffer)).size > 1; }""",  # colours. A plane patch has one
                 timeout=10_000,
             )
             assert drawn.json_value()
@@ -123,6 +122,5 @@ def test_a_fill_is_shown_with_its_patches_and_a_table_of_its_loops() -> None:
     shape = shapes.shape_of(report)
     assert np.flatnonzero(shape.is_new)[0] == len(report.original.faces)
     assert [text for _, text in shape.labels] == ["0", "1"]
-    assert [row[:3] for row in shape.loops[1:]] == [
-        (str(k), str(len(o.loop)), "minimal") for k, o in enumerate(report.loops)
-    ]
+    expected = [(str(k), str(len(o.loop)), "minimal") for k, o in enumerate(report.loops)]
+    assert [row[:3] for row in shape.loops[1:]] == expected

@@ -19,9 +19,8 @@ def test_a_thinned_mesh_has_the_same_shape_and_the_same_rims(shift: float) -> No
     rims = boundary_edges(faces)
     is_kept = np.zeros(len(vertices), dtype=bool)
     is_kept[rims.ravel()] = True
-    positions, new, places, kept = thinned(
-        np.insert(vertices, len(vertices), np.nan, axis=0), faces, np.append(is_kept, True), 0.02
-    )
+    with_nan = np.insert(vertices, len(vertices), np.nan, axis=0)
+    positions, new, places, kept = thinned(with_nan, faces, np.append(is_kept, True), 0.02)
     assert len(new) < 0.5 * len(faces)
     assert len(kept) == len(new)
     assert trimesh.Trimesh(positions, new, process=False).area == pytest.approx(fine.area, rel=0.01)

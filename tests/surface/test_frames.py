@@ -44,9 +44,8 @@ def test_frame_and_direction_agree_with_the_surface():
     np.testing.assert_allclose(formulas.phi(p, q), phi, atol=1e-13)
     np.testing.assert_allclose(formulas.conformal_factor(p, q), scale, atol=1e-13)
     conormal = torch.linalg.cross(formulas.normal(p, q), unit)
-    np.testing.assert_allclose(
-        (phi * (1j * direction / direction.abs())[:, None]).real, scale[:, None] * conormal, atol=1e-13
-    )
+    across = (phi * (1j * direction / direction.abs())[:, None]).real
+    np.testing.assert_allclose(across, scale[:, None] * conormal, atol=1e-13)
 
 
 def test_lift_works_where_p_or_q_vanishes():

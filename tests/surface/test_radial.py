@@ -37,10 +37,8 @@ def fitted_slope(counts, errors):
 def test_error_falls_at_the_order_of_the_rule(model, quadrature, slope, tolerance):
     z, counts = points(), [40, 80, 160, 320]
     exact = SpinorSurface(model, DISK, order=24).position(z)
-    errors = [
-        np.abs(radial_position(SpinorSurface(model, DISK, quadrature=quadrature, order=n), z) - exact).max()
-        for n in counts
-    ]
+    surfaces = (SpinorSurface(model, DISK, quadrature=quadrature, order=n) for n in counts)
+    errors = [np.abs(radial_position(surface, z) - exact).max() for surface in surfaces]
     assert abs(fitted_slope(counts, errors) - slope) < tolerance
 
 
@@ -48,9 +46,8 @@ def test_error_falls_at_the_order_of_the_rule(model, quadrature, slope, toleranc
 def test_gauss_converges_faster_than_any_power(model):
     z = points()
     exact = SpinorSurface(model, DISK, order=24).position(z)
-    few, more, many = (
-        np.abs(radial_position(SpinorSurface(model, DISK, order=n), z) - exact).max() for n in (8, 16, 64)
-    )
+    surfaces = (SpinorSurface(model, DISK, order=n) for n in (8, 16, 64))
+    few, more, many = (np.abs(radial_position(surface, z) - exact).max() for surface in surfaces)
     assert more < few / 30
     assert many < 1e-11 * np.abs(exact).max()
 
@@ -59,8 +56,6 @@ def test_gauss_converges_faster_than_any_power(model):
 @ORDERS
 def test_mean_curvature_falls_at_the_order_of_the_rule(model, quadrature, slope, tolerance):
     z, counts = points(25), [25, 50, 100, 200] if quadrature == "trapezoid" else [24, 48, 96]
-    h = [
-        np.abs(radial_mean_curvature(SpinorSurface(model, DISK, quadrature=quadrature, order=n), z)).max()
-        for n in counts
-    ]
+    surfaces = (SpinorSurface(model, DISK, quadrature=quadrature, order=n) for n in counts)
+    h = [np.abs(radial_mean_curvature(surface, z)).max() for surface in surfaces]
     assert abs(fitted_slope(counts, h) - slope) < tolerance

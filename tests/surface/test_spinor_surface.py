@@ -145,16 +145,9 @@ def test_similarities_act_on_positions_normals_and_area(seed, scale):
 @pytest.mark.parametrize(
     "options",
     [
-        {"rotation": np.diag([1.0, 1.0, -1.0])},
-        {"rotation": np.diag([1.0, 2.0, 1.0])},
-        {"rotation": np.eye(2)},
-        {"scale": 0.0},
-        {"scale": -1.0},
-        {"scale": float("nan")},
-        {"scale": float("inf")},
-        {"translation": [1.0, 2.0]},
-        {"translation": [1.0, 2.0, float("nan")]},
-        {"translation": "here"},
+        *({"rotation": bad} for bad in (np.diag([1.0, 1.0, -1.0]), np.diag([1.0, 2.0, 1.0]), np.eye(2))),
+        *({"scale": bad} for bad in (0.0, -1.0, float("nan"), float("inf"))),
+        *({"translation": bad} for bad in ([1.0, 2.0], [1.0, 2.0, float("nan")], "here")),
     ],
 )
 def test_what_is_no_similarity_is_refused(options):

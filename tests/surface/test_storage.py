@@ -59,9 +59,8 @@ def test_round_trip_is_bit_exact(make, tmp_path):
         assert torch.equal(loaded.state_dict()[name], tensor), name
     assert set(loaded.state_dict()) == set(surface.state_dict())
     for name in ("points", "faces", "boundary_size", "hole_sizes"):
-        np.testing.assert_array_equal(
-            getattr(loaded.domain.triangulation, name), getattr(surface.domain.triangulation, name)
-        )
+        there, here = (getattr(one.domain.triangulation, name) for one in (loaded, surface))
+        np.testing.assert_array_equal(there, here)
     np.testing.assert_array_equal(loaded.domain.log_scale, surface.domain.log_scale)
     t = np.arange(50) / 50
     for again, boundary in zip(loaded.domain.boundaries, surface.domain.boundaries, strict=True):

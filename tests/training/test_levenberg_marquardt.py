@@ -30,9 +30,8 @@ def solutions():
 
 
 def trained(solution, **options):
-    return train_by_levenberg_marquardt(
-        solution.curve, start=solution.surface, matching=solution.matching, options=LevenbergMarquardt(**options)
-    )
+    given = {"start": solution.surface, "matching": solution.matching}
+    return train_by_levenberg_marquardt(solution.curve, **given, options=LevenbergMarquardt(**options))
 
 
 def distance(surface, curve, count=500):
@@ -53,9 +52,8 @@ def test_small_networks_reach_the_paper_curves(name, solutions):
 def test_the_result_has_its_steps_and_its_distance(solutions):
     steps = []
     solution = solutions["tennis seam"]
-    result = train_by_levenberg_marquardt(
-        solution.curve, start=solution.surface, matching=solution.matching, on_step=steps.append
-    )
+    given = {"start": solution.surface, "matching": solution.matching}
+    result = train_by_levenberg_marquardt(solution.curve, **given, on_step=steps.append)
     assert steps == list(result.history)
     assert [step.index for step in steps] == list(range(1, len(steps) + 1))
     losses = [step.loss for step in steps if step.method == "distillation"]

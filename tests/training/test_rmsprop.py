@@ -106,13 +106,11 @@ def test_a_boundary_that_moves_has_the_derivatives_of_its_own_curve(name):
     s, step = torch.linspace(0, 1, 9, dtype=torch.float64)[:-1].requires_grad_(), 1e-6
     with torch.no_grad():
         (r0, v0), (r1, v1) = (boundary.point_and_velocity(s + way * step) for way in (-1, 1))
-        for value, own in zip(
-            boundary.differentiable_point_and_velocity(s), boundary.point_and_velocity(s), strict=True
-        ):
+        values = boundary.differentiable_point_and_velocity(s)
+        for value, own in zip(values, boundary.point_and_velocity(s), strict=True):
             torch.testing.assert_close(value, own, rtol=0, atol=1e-14)
-    for value, other in zip(
-        boundary.differentiable_point_and_velocity(s), ((r1 - r0) / (2 * step), (v1 - v0) / (2 * step)), strict=True
-    ):
+    slopes = (r1 - r0) / (2 * step), (v1 - v0) / (2 * step)
+    for value, other in zip(boundary.differentiable_point_and_velocity(s), slopes, strict=True):
         (by_s,) = torch.autograd.grad(value[:, 0].sum(), s, retain_graph=True)
         torch.testing.assert_close(by_s, other[:, 0], rtol=1e-6, atol=1e-6)
 
