@@ -250,7 +250,7 @@ def _plate(patch: Patch, collar: Collar) -> Faired:
 
 
 def _minimised(patch: Patch, collar: Collar, remeshed: Callable[[Patch], Patch]) -> Faired:
-    """A patch minimised, and remeshed in between, until it is good or no longer improves."""
+    """A patch minimised, and remeshed in between, until it is good or hardly improves."""
     best = faired = minimised_curvature(patch, collar)
     steps = faired.steps
     with suppress(SpinorGeomError):
