@@ -374,6 +374,9 @@ def require_count(least: int = 1, **values: Any) -> None:
 
 def require_positive(name: str, value: Any, *, finite: bool = True, instead: str = "") -> None:
     """Raises an OptionError unless a value is a positive number; `instead` names other allowed values."""
-    is_number = isinstance(value, Real) and not isinstance(value, bool)
-    if not is_number or not 0 < value <= (sys.float_info.max if finite else math.inf):
+    try:
+        number = float(value) if isinstance(value, Real) and not isinstance(value, bool) else math.nan
+    except OverflowError:  # an integer of hundreds of digits
+        number = math.inf
+    if not 0 < number <= (sys.float_info.max if finite else math.inf):
         raise OptionError(f"{name} must be {instead}a positive number, not {value!r}")

@@ -64,12 +64,17 @@ def thickened(
     solution: PlateauSolution, thickness: float, target_edge_length: float | Literal["auto"], edge: SolidEdge
 ) -> Solid:
     """See `PlateauSolution.solid`."""
-    require_positive("thickness", thickness)
-    if edge not in get_args(SolidEdge):
-        raise OptionError(f"edge must be one of {', '.join(get_args(SolidEdge))}, not {edge!r}")
+    require_thickness(thickness, edge)
     patch = mesh_patch(solution, target_edge_length)
     rim = np.arange(patch.boundary_size), rim_successors(patch.rims)
     return thickened_mesh(patch.vertices, patch.faces, unit_normals(solution, patch), rim, thickness, edge)
+
+
+def require_thickness(thickness: float, edge: SolidEdge) -> None:
+    """Raises an OptionError unless the thickness is positive and the edge one of the kinds."""
+    require_positive("thickness", thickness)
+    if edge not in get_args(SolidEdge):
+        raise OptionError(f"edge must be one of {', '.join(get_args(SolidEdge))}, not {edge!r}")
 
 
 def unit_normals(solution: PlateauSolution, patch: Patch) -> Float[np.ndarray, "n 3"]:

@@ -16,7 +16,7 @@ from spinor_geom.mesh.rational_splines import NurbsPatch, on_side
 from spinor_geom.mesh.topology import HalfEdges, boundary_edges, linked
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import mesh_patch
-from spinor_geom.meshing.solid import Solid, SolidEdge, thickened_mesh, unit_normals
+from spinor_geom.meshing.solid import Solid, SolidEdge, require_thickness, thickened_mesh, unit_normals
 from spinor_geom.nurbs.nurbs_surface import NurbsSurface, Seam, largest_angle
 from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.symmetry.side_symmetries import Isometries, side_symmetries
@@ -76,6 +76,7 @@ class ContinuedSurface:
 
         Arguments and errors are those of `PlateauSolution.solid`, and a SurfaceError if the surface is one-sided.
         """
+        require_thickness(thickness, edge)
         mesh, normals = self._mesh(target_edge_length)
         edges = boundary_edges(mesh.faces)
         rim = np.sort(edges[:, 0])

@@ -6,20 +6,29 @@ from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial import cKDTree
 
 from spinor_geom.errors import OptionError
 from spinor_geom.symmetry.side_symmetries import Isometries
 
 _MOST = 96  # a crystal class has at most 48 elements, with and without a change of orientation
+_MOST_COPIES = 1000  # which take seconds: each is compared with all others
 _CLOSE = 1e-6  # distances up to this share of the size of the piece count as 0
 
 
 def within_steps(sides: Isometries, points: Float[np.ndarray, "n 3"], size: float, steps: int) -> Isometries:
-    """The copies that are reached from the piece across at most `steps` sides, each once."""
+    """The copies that are reached from the piece across at most `steps` sides, each once.
+
+    Raises an OptionError if there are more than 1,000.
+    """
     found = newest = _identity()
     for _ in range(steps):
         found, before = _distinct(_joined([found, newest.composed(sides)]), points, size), len(found)
         newest = found[before:]
+        if len(found) > _MOST_COPIES:
+            raise OptionError(
+                f"more than {_MOST_COPIES} copies are reached across {steps} sides; give fewer, or repeat a cell"
+            )
     return found
 
 
@@ -78,12 +87,10 @@ def _distinct(g: Isometries, points: Float[np.ndarray, "n 3"], size: float) -> I
     Images are equal if their centres and the sets of their corners are. `points` are the centre of the rims, and the
     corners.
     """
-    images, no_lattice = g.points(points), np.zeros((0, 3))
-    kept: list[int] = []
-    for k in range(len(g)):
-        if not len(_alike(images[k], images[kept], size, no_lattice)):
-            kept.append(k)
-    return g[np.array(kept)]
+    images = g.points(points)
+    first, second = cKDTree(images[:, 0]).query_pairs(_CLOSE * size, output_type="ndarray").T
+    gaps = np.linalg.norm(images[first, :, None] - images[second, None], axis=3)
+    return g[np.setdiff1d(np.arange(len(g)), second[gaps.min(axis=2).max(axis=1) < _CLOSE * size])]
 
 
 def _alike(

@@ -92,6 +92,17 @@ def test_the_solid_of_a_continuation_is_watertight() -> None:
         assert solid.volume == pytest.approx(0.02 * one.area, rel=0.02)
 
 
+def test_what_cannot_be_a_solid_or_has_too_many_copies_is_refused() -> None:
+    neighbours = d_quarter().continued(1)
+    for thickness in (0, -1):
+        with pytest.raises(OptionError, match="thickness must be a positive number"):
+            neighbours.solid(thickness)
+    with pytest.raises(OptionError, match="edge must be one of"):
+        neighbours.solid(0.1, edge="sharp")  # type: ignore[arg-type]
+    with pytest.raises(OptionError, match="more than 1000 copies are reached across 100 sides"):
+        d_quarter().continued(100)
+
+
 def test_a_surface_without_symmetric_sides_cannot_be_continued() -> None:
     with pytest.raises(OptionError, match="no side of the surface is straight"):
         solve_plateau(gallery.tennis_seam(0.8)).continued()
