@@ -68,7 +68,9 @@ class MeshExtentError(MeshError):
 
 
 class NonManifoldEdgeError(MeshError):
-    sentence = "edge {edge} has the faces {faces}, at most 2 are allowed at a loop; remove or split the others"
+    sentence = (
+        "edge {edge} has {count} faces, such as {faces}, at most 2 are allowed at a loop; remove or split the others"
+    )
 
 
 class DuplicateVertexError(MeshError):

@@ -58,7 +58,7 @@ UNFIT: dict[str, tuple[Pair, str, list[str]]] = {
     "flipped": ((V, put(F, 9, F[9, ::-1])), "first face 9", BOTH),
     "three at a rim's edge": (
         (np.vstack([V, [[3.0, 0, 0]]]), np.vstack([F, [F[0, 0], F[0, 2], 48]])),
-        r"edge \(17, 0\) has the faces",
+        r"edge \(17, 0\) has 3 faces, such as",
         [*BOTH, "None"],
     ),
 }

@@ -12,21 +12,22 @@ _LIBRARIES = {"OCP", "cadquery", "build123d"}
 _CONTENTS = ("line", "sketch", "part")  # of build123d's builders
 
 
-def cad_shapes(what: Any) -> list[Any] | None:
+def cad_shapes(what: Any, *, function: str) -> list[Any] | None:
     """The `TopoDS_Shape`s of an object of a CAD library, or of a list of such objects, or None for anything else.
 
     Objects are shapes of OCP, CadQuery and build123d, `Workplane` and `Sketch` of CadQuery, and builders of build123d.
-    Raises an ArgumentTypeError if the object has no shape, or a list also has objects of other types.
+    Raises an ArgumentTypeError, which names the called function, if the object has no shape, or a list also has objects
+    of other types.
     """
     if isinstance(what, (list, tuple)):
         are_cad = [_is_cad(one) for one in what]
         if not any(are_cad):
             return None
         if not all(are_cad):
-            found = type(what[are_cad.index(False)]).__name__
-            raise ArgumentTypeError(f"a list of CAD wires and edges also has an object of type {found}; remove it")
-        return [shape for one in what for shape in _shapes_of(one)]
-    return _shapes_of(what) if _is_cad(what) else None
+            found = f"a list with a {type(what[are_cad.index(False)]).__name__}"
+            raise ArgumentTypeError(function=function, takes="lists of CAD wires and edges only", found=found)
+        return [shape for one in what for shape in _shapes_of(one, function)]
+    return _shapes_of(what, function) if _is_cad(what) else None
 
 
 def cad_object(shape: Any, library: Literal["build123d", "cadquery"]) -> Any:
@@ -40,7 +41,7 @@ def _is_cad(what: Any) -> bool:
     return any(cls.__module__.partition(".")[0] in _LIBRARIES for cls in type(what).__mro__)
 
 
-def _shapes_of(what: Any) -> list[Any]:
+def _shapes_of(what: Any, function: str) -> list[Any]:
     if any(cls.__name__ == "TopoDS_Shape" for cls in type(what).__mro__):
         return [what]
     if hasattr(what, "wrapped"):
@@ -51,5 +52,7 @@ def _shapes_of(what: Any) -> list[Any]:
         inner = [content.wrapped for name in _CONTENTS if (content := getattr(what, name, None)) is not None]
     shapes = [one for one in inner if any(cls.__name__ == "TopoDS_Shape" for cls in type(one).__mro__)]
     if not shapes:
-        raise ArgumentTypeError(f"a CAD object of type {type(what).__name__} has no shape; give wires, edges or shells")
+        raise ArgumentTypeError(
+            function=function, takes="wires, edges and shells of a CAD library", found=type(what).__name__
+        )
     return shapes

@@ -34,7 +34,7 @@ def to_rims(what: Any, loop: int | None = None) -> list[Rim]:
     Raises an OptionError if `loop` is missing for several loops or given for a curve, a LoopIndexError if there is no
     such loop, and the errors of `BoundaryLoop.from_points`, `closed_curves`, `boundary_loops` and `read_shape`.
     """
-    shapes = [read_shape(what)] if is_cad_file(what) else cad_shapes(what)
+    shapes = [read_shape(what)] if is_cad_file(what) else cad_shapes(what, function="solve_plateau")
     if shapes is not None:
         return _of_cad(closed_curves(shapes), loop)
     if is_mesh(what):

@@ -66,7 +66,7 @@ def edges_of_arguments(what: Iterable[Any]) -> list[Edge]:
     """Edges, with shapes of a CAD library as edges of the kinds in their labels."""
     found: list[tuple[tuple[str, ...] | None, Any]] = []
     for one in what:
-        shapes = cad_shapes(one)
+        shapes = cad_shapes(one, function="solve_membrane")
         names = None if shapes is None else (str(getattr(one, "label", "")),)
         parts = [one] if shapes is None else [part for shape in shapes for part in outer_parts(shape)]
         found += [(names, part) for part in parts]

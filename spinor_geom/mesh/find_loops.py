@@ -14,6 +14,7 @@ from itertools import chain, pairwise
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.sparse import csr_array
 
 from spinor_geom.arrays import norm
 from spinor_geom.errors import DuplicateVertexError, MeshError, NonManifoldEdgeError
@@ -317,6 +318,11 @@ def _inward_directions(start: Points, end: Points, apex: Points) -> Points:
     return np.asarray(away / np.where(size > 0, size, 1.0)[:, None])
 
 
+def _places(keys: Int[np.ndarray, " n"], count: int) -> csr_array:
+    """The places of each of the keys 0 to count - 1 in an array, as the columns of a row of a matrix."""
+    return csr_array((np.ones(len(keys)), (keys, np.arange(len(keys)))), shape=(count, len(keys)))
+
+
 class _FaceDefects:
     """The defects of the faces of a mesh, and sentences on those at a loop."""
 
@@ -325,6 +331,8 @@ class _FaceDefects:
         count = int(faces.max()) + 1
         self._at_degenerate = referenced_vertices(faces[sheets.degenerate], vertices=count)
         self._is_copied = referenced_vertices(sheets.copies[:, :1], vertices=len(faces))
+        self._degenerate_corners = _places(faces[sheets.degenerate].ravel(), count)
+        self._copies_of = _places(sheets.copies[:, 0], len(faces))
         # the non-manifold edge of each half-edge, and one at each vertex, or −1 for none
         edges = np.repeat(np.where(half_edges.counts > 2, np.arange(len(half_edges.counts)), -1), half_edges.counts)
         self._nonmanifold_of, self._nonmanifold_at = np.empty_like(edges), np.full(count, -1, dtype=np.int64)
@@ -357,14 +365,14 @@ class _FaceDefects:
                 f"face {face_ids[flipped[0] // 3]}; the patch follows the others: flip these faces"
             )
         if self._at_degenerate[vertices].any():
-            touching = degenerate[np.isin(self._faces[degenerate], vertices).any(axis=1)]
+            touching = degenerate[np.unique(self._degenerate_corners[vertices].indices // 3)]
             yield (
                 f"{len(touching)} faces that use a vertex twice touch the loop, first face {touching[0]} "
                 f"{tuple(self._faces[touching[0]].tolist())}; they were ignored: remove them"
             )
         beside = face_ids[half_edges // 3]
         if self._is_copied[beside].any():
-            pairs = copies[np.isin(copies[:, 0], beside)]
+            pairs = copies[np.unique(self._copies_of[beside].indices)]
             yield (
                 f"{len(pairs)} faces beside the loop have copies, first faces {tuple(pairs[0].tolist())} with the same "
                 "vertices; with the patch their edges have more than two faces: keep one face of each pair"
@@ -377,4 +385,6 @@ class _FaceDefects:
         half_edges = self._sheets.half_edges
         members = half_edges.order[half_edges.starts[edge] : half_edges.starts[edge + 1]]
         ends = (int(half_edges.origin[members[0]]), int(half_edges.target[members[0]]))
-        return NonManifoldEdgeError(edge=ends, faces=self._sheets.face_ids[members // 3].tolist())
+        # not all, because each loop at the edge has such an error
+        faces = self._sheets.face_ids[members[:_MOST_FACES] // 3].tolist()
+        return NonManifoldEdgeError(edge=ends, count=len(members), faces=faces)

@@ -169,8 +169,8 @@ BAD = {
     "closed": (lambda: cad.Box(1, 1, 1), NoEdgesError, "without a free boundary"),
     "vertex": (lambda: cad.Vertex(1, 2, 3), NoEdgesError, "no edges and no faces"),
     "nothing": (lambda: cad.Compound([]), NoEdgesError, "no edges and no faces"),
-    "mixed list": (lambda: [cad.Edge.make_circle(1), 3], ArgumentTypeError, "also has an object of type int"),
-    "no shape": (lambda: cad.Plane.XY, ArgumentTypeError, "of type Plane has no shape"),
+    "mixed list": (lambda: [cad.Edge.make_circle(1), 3], ArgumentTypeError, "not a list with a int"),
+    "no shape": (lambda: cad.Plane.XY, ArgumentTypeError, "not Plane"),
 }
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from spinor_geom import Cable, OpenCurve, Ring, Stay, SymmetryPlane, solve_membrane
-from spinor_geom.errors import CadFileError, MeshFileError, OptionError
+from spinor_geom.errors import ArgumentTypeError, CadFileError, MeshFileError, OptionError
 from spinor_geom.membrane.frame_file import edges_of_arguments, read_frame
 from tests.systems import OnUse
 
@@ -97,6 +97,9 @@ def test_shapes_given_one_by_one_are_parts_of_one_frame() -> None:
     corners = [(0, 0, 0), (1, 0, 0), (1, 1, 0)]
     (ring,) = edges_of_arguments([line("ring", corners[k - 1], corners[k]) for k in range(3)])
     assert isinstance(ring, Ring)
+    for shape in (cad.Plane.XY, [line("ring"), 3]):
+        with pytest.raises(ArgumentTypeError, match=r"^solve_membrane takes"):
+            solve_membrane([shape])
     with pytest.raises(OptionError, match=r"edge 1 \('cable two'\)"):
         edges_of_arguments([np.array(corners), line("cable two")])
 

@@ -121,6 +121,26 @@ def test_edges_of_very_many_faces_are_not_compared_in_pairs() -> None:
     loops = find_boundary_loops(TriangleMesh(np.vstack([[[0, 0, 0], [0, 0, 1]], pages]), faces))
     assert len(loops) == count
     assert all(isinstance(loop.obstacle, NonManifoldEdgeError) for loop in loops)
+    # nor are all of them named for each of the loops
+    assert all(len(str(loop.obstacle)) < 200 for loop in loops)
+    assert "has 100 faces" in str(loops[0].obstacle)
+
+
+def test_each_loop_names_the_ignored_faces_that_touch_it() -> None:
+    # two triangles apart, each with a copy and with faces that use a vertex twice, which are numbered alternately
+    vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [9, 0, 0], [9, 1, 0], [9, 0, 1]])
+    faces = [[0, 1, 2], [3, 4, 5], [4, 4, 3], [2, 2, 1], [1, 2, 0], [5, 3, 4], [5, 5, 5], [0, 0, 0], [1, 1, 2]]
+    remarks = {
+        tuple(sorted(loop.vertex_ids.tolist())): loop.remarks
+        for loop in find_boundary_loops(TriangleMesh(vertices, np.array(faces)))
+    }
+    for ring, count, first, copies in (
+        ((0, 1, 2), 3, "face 3 (2, 2, 1)", (0, 4)),
+        ((3, 4, 5), 2, "face 2 (4, 4, 3)", (1, 5)),
+    ):
+        degenerate, copied = remarks[ring]
+        assert degenerate.startswith(f"{count} faces that use a vertex twice touch the loop, first {first}")
+        assert copied.startswith(f"1 faces beside the loop have copies, first faces {copies}")
 
 
 @pytest.mark.parametrize(
