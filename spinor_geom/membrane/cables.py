@@ -84,7 +84,7 @@ class Ring:
     """A closed rigid rim of the film, such as the head of a mast.
 
     Attributes:
-        points: (m, 3) points in order, in mesh units.
+        points: (m, 3) points in order, in mesh units. Corners need three or more on each side.
         force: that pulls the ring along the z axis. Its height follows, and the given one is where the search starts.
             None for a fixed ring.
 

@@ -193,6 +193,13 @@ def test_a_ring_hangs_at_the_height_where_a_catenoid_pulls_with_its_force() -> N
         solve_membrane([Ring(points=circle(1, 0)), Ring(points=circle(0.5, 0.6), force=3.2)])
 
 
+def test_a_square_ring_of_three_points_a_side_has_corners() -> None:
+    corners = SQUARE - [0.5, 0.5, 0]
+    points = [a + (b - a) * k / 3 for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True) for k in range(3)]
+    membrane = solve_membrane([*sides(4 * corners), Ring(points=points)])
+    assert membrane.film.area == pytest.approx(16 - 1, abs=1e-9)
+
+
 def test_planes_of_symmetry_leave_a_part_of_the_whole() -> None:
     one = ring(SADDLE, tension=TENSION)[1]
     halves = [SymmetryPlane(point=(0, 0, 0), normal=normal) for normal in ((1, -1, 0), (1, 1, 0))]
