@@ -16,7 +16,7 @@ ROUGHLY = 1e-4  # relative decrease of the energy at which gaps between circles 
 _NEGLIGIBLE = 1e-12  # expected relative decrease of the energy at which Newton's method ends
 # Expected relative decrease at which it ends too if a step does not reduce that by the second factor: where rims nearly
 # touch, the energy hardly depends on some slides.
-_ENOUGH, _SLOW = 1e-9, 0.25
+_ENOUGH, _SLOW = 1e-8, 0.25
 _FLAT = 1e-9  # relative curvature treated as 0
 _MOST_STEPS = 40
 _LARGEST_STEPS = 2.0, 0.5  # of logit s, and of arguments, logarithms of radii and centres
@@ -60,7 +60,7 @@ def stationary(start: CorneredSurface, steps: Steps, negligible: float = _NEGLIG
         is_slow, here, before = _SLOW * before < fall < _ENOUGH * here.energy, there, fall
         if fall < negligible * here.energy or is_slow:
             return here
-    if fall < _ENOUGH * here.energy:
+    if fall < ROUGHLY * here.energy:  # the residual shows whether that is near enough
         return here
     raise UnresolvedRimsError(rims=len(here.form.circles.centres), failure="does not converge")
 
