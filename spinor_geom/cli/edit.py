@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import os
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +44,7 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
         status = ExitStatus.DONE if event["is_good"] else ExitStatus.IMPERFECT
         for line in (event["told"], *event["notes"]):
             complain(line)
-        if output.resolve() == source.resolve():
+        if os.path.realpath(output) == os.path.realpath(source):
             complain(f"{output}: the input was replaced by the filled mesh")
         show_lines(event["command"], piped=True)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
@@ -53,7 +54,7 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
     edge_length: float | Literal["auto"] = arguments.edge_length or "auto"
     known_suffix(arguments.output)
     require_writable(arguments.output)  # the filled mesh may replace the input. No other output may
-    is_replaced = arguments.output.resolve() == arguments.input.resolve()
+    is_replaced = os.path.realpath(arguments.output) == os.path.realpath(arguments.input)
     outputs = [arguments.output]
     for path in (arguments.report, arguments.picture, arguments.html):
         if path is not None:

@@ -20,7 +20,7 @@ def read_surface(path: Path, *, merge: bool | float) -> MeshFile:
 
 def require_writable(path: Path, *kept: Path) -> None:
     """Raises a MeshFileError if the path cannot be written to, or is one of the files to keep."""
-    if path.resolve() in (other.resolve() for other in kept):
+    if os.path.realpath(path) in map(os.path.realpath, kept):
         raise MeshFileError(f"{path} is given twice and would be overwritten; choose another file", path=path)
     if path.is_dir():
         raise MeshFileError(f"{path} is a folder; give the path of a file", path=path)

@@ -516,6 +516,17 @@ def test_an_interrupted_fill_changes_none_of_its_files(
     assert left == {"out.obj": b"old", "out.png": b"old"}
 
 
+def test_links_in_a_circle_are_one_sentence_as_input_and_replaced_as_output(
+    mesh_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    link = tmp_path / "circle.obj"
+    link.symlink_to(link)
+    assert main(["fill", str(link), "-o", str(tmp_path / "out.obj")]) == 2
+    assert "cannot be read" in capsys.readouterr().err
+    assert main(["fill", str(mesh_path), "-o", str(link), "--report", str(tmp_path / "report.json")]) == 0
+    assert link.is_file()
+
+
 def test_a_terminated_fill_leaves_no_temporary_files(mesh_path: Path, tmp_path: Path) -> None:
     (tmp_path / "out.obj").write_text("old")
     program = """if True:
