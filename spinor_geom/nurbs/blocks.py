@@ -23,7 +23,9 @@ _SLOPE = 0.15  # largest change of depth between two marks, relative to their di
 # A depth is allowed where no other part of ∂Ω is nearer to the inner corner than this share of the distance from its
 # own part.
 _CLEAR = 0.9
-_GRID = np.linspace(0, 1, 17)  # parameters along a side where quadrilaterals are tested for folds
+# Parameters along a side where quadrilaterals are tested for folds, and those for joined ones that are folded between
+# them, which takes three times as long.
+_GRID, _DENSE = np.linspace(0, 1, 17), np.linspace(0, 1, 65)
 _ASIDE = 0.005  # one-sided derivatives are taken this share of the side inside its ends
 # Largest turn of ∂Ω along a quadrilateral that replaces several, in radians: smaller gives more quadrilaterals, larger
 # more knots.
@@ -219,7 +221,7 @@ class _Ring:
         left = {name: getattr(self, name)[which] for name in ("marks", "outer", "depth", "inwards", "fixed")}
         return replace(self, **left)
 
-    def joins(self) -> Int[np.ndarray, "j 3"]:
+    def joins(self, grid: Float[np.ndarray, " g"]) -> Int[np.ndarray, "j 3"]:
         """First mark, last mark and number of the quadrilaterals that one unfolded one can replace, for all choices."""
         k = len(self)
         first, more = np.nonzero(np.ones((k, max(1, k // _FEWEST)), dtype=bool))
@@ -228,12 +230,12 @@ class _Ring:
         free = (more > 0) & (crossed[last] == crossed[first + 1])
         first, last = first[free], last[free]
         marks, inner = np.append(self.marks, self.marks + 1), np.append(self.inner, self.inner)
-        folded = _folded(self.rim, marks[first], marks[last], inner[first], inner[last], most_turn=_TURN)
+        folded = _folded(self.rim, marks[first], marks[last], inner[first], inner[last], grid, most_turn=_TURN)
         return np.asarray(np.stack([first, last % k, last - first], axis=1)[~folded])
 
-    def folded(self) -> Bool[np.ndarray, " k"]:
+    def folded(self, grid: Float[np.ndarray, " g"] = _GRID) -> Bool[np.ndarray, " k"]:
         """Which quadrilaterals are folded, or nearly so."""
-        return _folded(self.rim, self.marks, _ends(self.marks), self.inner, np.roll(self.inner, -1))
+        return _folded(self.rim, self.marks, _ends(self.marks), self.inner, np.roll(self.inner, -1), grid)
 
 
 def _levelled(depth: Float[np.ndarray, " k"], outer: Complex[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
@@ -257,6 +259,7 @@ def _folded(
     end: Float[np.ndarray, " k"],
     before: Complex[np.ndarray, " k"],
     after: Complex[np.ndarray, " k"],
+    grid: Float[np.ndarray, " g"] = _GRID,
     most_turn: float = np.inf,
 ) -> Bool[np.ndarray, " k"]:
     """Which quadrilaterals between boundary points and inner corners are folded, or nearly so.
@@ -264,10 +267,10 @@ def _folded(
     Those along parts of ∂Ω that turn by more than `most_turn` count as folded.
     """
     width = (end - start)[:, None]
-    t, step = start[:, None] + width * _GRID, (after - before)[:, None]
-    velocity = width * rim.derivative(start[:, None] + width * np.clip(_GRID, _ASIDE, 1 - _ASIDE))
-    across = before[:, None] + _GRID * step - rim.point(t)
-    along = (1 - _GRID) * velocity[..., None] + _GRID * step[..., None]
+    t, step = start[:, None] + width * grid, (after - before)[:, None]
+    velocity = width * rim.derivative(start[:, None] + width * np.clip(grid, _ASIDE, 1 - _ASIDE))
+    across = before[:, None] + grid * step - rim.point(t)
+    along = (1 - grid) * velocity[..., None] + grid * step[..., None]
     area = cross(along, across[..., None])
     thickness = np.abs(across)
     even = thickness.min(axis=1) > _EVEN * thickness.max(axis=1)
@@ -311,12 +314,19 @@ def _shortened(domain: PlaneDomain, rings: Sequence[_Ring]) -> list[_Ring]:
 
 def _filled(rings: Sequence[_Ring]) -> tuple[list[_Ring], Int[np.ndarray, "q 4"]] | None:
     """The rings with some neighbours joined, and the quadrilaterals inside, of least cost, or None without any."""
+    found = _joined(rings, _GRID)
+    is_folded = found is not None and any(ring.folded(_DENSE).any() for ring in found[0])
+    return _joined(rings, _DENSE) if is_folded else found
+
+
+def _joined(rings: Sequence[_Ring], grid: Float[np.ndarray, " g"]) -> tuple[list[_Ring], Int[np.ndarray, "q 4"]] | None:
+    """`_filled`, with joined quadrilaterals that are not folded at some parameters."""
     sizes = tuple(map(len, rings))
     if sum(sizes) > _MOST_CORNERS:
         return None
     inner = np.concatenate([ring.inner for ring in rings])
     polygon = cut_open(inner, sizes)
-    joins = [ring.joins() for ring in rings]
+    joins = [ring.joins(grid) for ring in rings]
     ends = [own[:, :2] + first for own, first in zip(joins, np.cumsum((0, *sizes)), strict=False)]
     sides = sides_of(polygon, np.concatenate(ends), np.concatenate([own[:, 2] for own in joins]))
     quads = quadrangulated(inner[polygon], sides)
