@@ -134,6 +134,13 @@ def test_the_surface_before_a_finer_one_that_fails_is_kept(monkeypatch, fits, er
     assert reason in solution.reason
 
 
+def test_a_mast_beside_the_middle_of_a_frame():
+    solution = solve_plateau(roof(4.0, masts=1))
+    assert solution.route == "network on circles"
+    assert solution.boundary_residual.rms_per_edge < 1e-4
+    assert solution.area == pytest.approx(418.98298, rel=1e-7)  # by the network on an annulus
+
+
 def test_a_roof_keeps_its_corners():
     solution = tent()
     assert solution.converged

@@ -214,9 +214,12 @@ class RimsSolver:
 
     @cached_property
     def _starts(self) -> tuple[OrientedSurface, ...]:
-        """The starts; two for two rims, with the second one as given and reversed."""
+        """The starts. For two rims without corners these are over round rings, the second rim as given and reversed.
+
+        From a round ring surfaces between a frame and a rim far from its middle degenerate.
+        """
         rims = self._rims[0]
-        if len(rims) == 2:
+        if len(rims) == 2 and not self.have_corners:
             return tuple(start_between(*rims, FEWEST_POINTS, backward=backward) for backward in (False, True))
         return tuple(projected_starts(rims, FEWEST_POINTS))
 
