@@ -104,7 +104,7 @@ class RimsSolver:
         Such steps do not resolve corners. If few of them do not settle, Newton's method with the corners still does.
         """
         with self.problem.clock.stage("slides"):
-            starts = sorted(self._starts, key=lambda start: start.surface.dirichlet_energy)
+            starts = sorted(self._projected, key=lambda start: start.surface.dirichlet_energy)
             rounded = next((lower for start in starts if (lower := self._rounded(start)) is not None), None)
         if rounded is not None:
             return solve_with_corners(self.problem, rounded)
@@ -214,14 +214,16 @@ class RimsSolver:
 
     @cached_property
     def _starts(self) -> tuple[OrientedSurface, ...]:
-        """The starts. For two rims without corners these are over round rings, the second rim as given and reversed.
-
-        From a round ring surfaces between a frame and a rim far from its middle degenerate.
-        """
+        """The starts; two for two rims, with the second one as given and reversed."""
         rims = self._rims[0]
-        if len(rims) == 2 and not self.have_corners:
+        if len(rims) == 2:
             return tuple(start_between(*rims, FEWEST_POINTS, backward=backward) for backward in (False, True))
-        return tuple(projected_starts(rims, FEWEST_POINTS))
+        return self._projected
+
+    @cached_property
+    def _projected(self) -> tuple[OrientedSurface, ...]:
+        """Starts from projections. From a round ring, films between a frame and a rim off its middle degenerate."""
+        return tuple(projected_starts(self._rims[0], FEWEST_POINTS))
 
     @cached_property
     def _averages(self) -> tuple[BoundaryCurve, ...]:
