@@ -131,21 +131,11 @@ def test_size_is_the_local_edge_at_the_boundary_and_grows():
     assert sizes(np.array([0j])) == pytest.approx([edge + 0.5])
 
 
-@pytest.mark.parametrize(
-    "boundary",
-    [
-        [],
-        [0, 1],
-        [0, 1j, 1 + 1j, 1],
-        [0, 1 + 1j, 1, 1j, -1 + 2j],
-        [0, 1, 1 + 1j, 0],
-        [0, 2, 2 + 2j, 1, 2j],
-        [0, 1, np.nan, 1j],
-        [0, 1, np.inf],
-        [0, 1, 2],
-        np.exp(4j * np.pi * np.arange(5) / 5),
-    ],
-)
+NOT_SIMPLE = [[], [0, 1], [0, 1j, 1 + 1j, 1], [0, 1 + 1j, 1, 1j, -1 + 2j], [0, 1, 1 + 1j, 0], [0, 2, 2 + 2j, 1, 2j]]
+NOT_SIMPLE += [[0, 1, np.nan, 1j], [0, 1, np.inf], [0, 1, 2], np.exp(4j * np.pi * np.arange(5) / 5)]
+
+
+@pytest.mark.parametrize("boundary", NOT_SIMPLE)
 def test_polygon_that_is_not_simple_is_refused(boundary):
     with pytest.raises(DomainError):
         triangulate_polygon(np.array(boundary, dtype=complex), constant_size(10.0))

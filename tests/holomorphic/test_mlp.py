@@ -93,16 +93,11 @@ class _Value(torch.nn.Module):
         return self.network.value(z)
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"depth": 0}, "depth"),
-        ({"depth": np.inf}, "depth"),
-        ({"width": 0.5}, "width"),
-        ({"radius": 0.0}, "positive"),
-        ({"gain": -1.0}, "gain"),
-    ],
-)
+BAD = [({"depth": 0}, "depth"), ({"depth": np.inf}, "depth"), ({"width": 0.5}, "width")]
+BAD += [({"radius": 0.0}, "positive"), ({"gain": -1.0}, "gain")]
+
+
+@pytest.mark.parametrize(("options", "message"), BAD)
 def test_bad_sizes_are_refused(options, message):
     with pytest.raises(OptionError, match=message):
         ComplexMLP(**options)
