@@ -41,7 +41,7 @@ _ROUNDS = 10  # largest number of rounds that halve sides on ∂Ω
 _MOST_HALVED = 8
 _NOT_DIVIDED = (
     "the plane domain cannot be divided into quadrilaterals: a part of it is too narrow, or the surface is too far "
-    "from its curve; solve with a smaller tolerance"
+    "from its curve; write a mesh instead (mesh_patch, or solve -o film.stl)"
 )
 
 
