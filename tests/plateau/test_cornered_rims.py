@@ -24,10 +24,12 @@ from spinor_geom.plateau.problem import PlateauProblem
 from spinor_geom.plateau.rims import cornered_newton, cornered_route
 from spinor_geom.plateau.rims.circles import Circles
 from spinor_geom.plateau.rims.cornered import CorneredSurface, CornerForm
+from spinor_geom.plateau.rims.cornered_lift import continuous_spinors
 from spinor_geom.plateau.rims.cornered_newton import stationary
 from spinor_geom.plateau.rims.rims_route import RimsSolver
 from spinor_geom.plateau.rims.sides import FINE, ROUGH, CorneredRims
 from spinor_geom.plateau.steps import Steps
+from spinor_geom.surface.formulas import phi
 from tests.plateau.rims import polygon, ring, sampled
 
 SQUARE = np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]])
@@ -238,3 +240,21 @@ def test_masts_above_the_last_surface_have_none():
     answer = solve_plateau(roof(10.0, masts=2))
     assert isinstance(answer, NoConnectedSurface)
     assert "surface degenerates" in answer.reason
+
+
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("turns", [0.0, 0.5])
+def test_signs_of_spinors_do_not_depend_on_nodes_near_corners_where_the_curve_is_not_null(
+    seed: int, turns: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    t = np.arange(200) / 200
+    spinors = np.exp(2j * np.pi * turns * t)[:, None] * np.stack([1 + 0 * t, 0.8 * np.exp(2j * np.pi * t)], axis=1)
+    curve = phi(*spinors.T)
+    at_corner = np.isin(np.arange(200) // 10, rng.choice(20, size=3, replace=False))
+    vectors = rng.normal(size=(2, 200, 3))
+    curve[at_corner] = 5 * (vectors[0] + 0.1j * vectors[1])[at_corner]
+    found, close_up = continuous_spinors(curve)
+    assert close_up == (turns == 0.0)
+    sign = np.sign((found[~at_corner] * spinors[~at_corner].conj()).sum(axis=1).real)
+    np.testing.assert_allclose(found[~at_corner], sign[0] * spinors[~at_corner], rtol=1e-12)

@@ -47,6 +47,7 @@ _DEPENDENT = 1e-14  # least square of a function's part independent of the other
 _REFINEMENTS = 2  # of solutions of the normal equations, to the accuracy of orthonormal functions
 # Least number of poles in a hole, and the share of powers as high as their number that enter lower ones
 _FEWEST_IN_HOLE, _ALIAS = 20, 1e-8
+_NULL = 0.3  # |φ·φ| / |φ|² below which the sign of p and q is clear
 _CLOSING_STEPS = 4  # of Newton's method for the periods, to rounding errors
 
 
@@ -133,7 +134,7 @@ class CorneredLift:
     @cached_property
     def branches(self) -> Complex[np.ndarray, " b"]:
         """The centres of holes around which p and q change their sign."""
-        is_odd = [not bool(signs_close_up(*spinors_from_phi(self._null_curve[own]))) for own in self.rows[1:]]
+        is_odd = [not continuous_spinors(self._null_curve[own])[1] for own in self.rows[1:]]
         return self.surface.form.circles.centres[1:][is_odd]
 
     def squared_root(self, z: Complex[np.ndarray, " _"]) -> Complex[np.ndarray, " _"]:
@@ -147,8 +148,8 @@ class CorneredLift:
             SurfaceError: the signs change around a boundary.
         """
         reduced = self._null_curve / self.squared_root(self.z)[:, None]
-        parts = [np.stack(spinors_from_phi(reduced[own]), axis=-1) for own in self.rows]
-        if not all(bool(signs_close_up(*part.T)) for part in parts):
+        parts, close_up = zip(*(continuous_spinors(reduced[own]) for own in self.rows), strict=True)
+        if not all(close_up):
             raise SurfaceError(
                 "the harmonic surface between the rims has a branch point of odd order; no immersed minimal surface "
                 "was found near it"
@@ -311,6 +312,20 @@ class CorneredLift:
             coefficients = self.surface.slides[rims.columns[number]]
             slide[here] = side.slide(side.base(shares) + side.modes(shares) @ coefficients)[0]
         return slide
+
+
+def continuous_spinors(curve: Complex[np.ndarray, "n 3"]) -> tuple[Complex[np.ndarray, "n 2"], bool]:
+    """P and q of φ along a closed curve, and whether their signs return. φ may not be null near corners.
+
+    Signs are continuous over the nodes where φ is nearly null. Others have the sign of the last of these.
+    """
+    defect = np.abs((curve**2).sum(axis=1)) / square(norm(curve))
+    clear = np.flatnonzero(defect <= max(_NULL, float(np.median(defect))))
+    spinors = np.stack(spinors_from_phi(curve), axis=-1)
+    continuous = np.stack(spinors_from_phi(curve[clear]), axis=-1)
+    before = continuous[np.searchsorted(clear, np.arange(len(curve)), side="right") - 1]
+    sign = np.where((spinors * before.conj()).sum(axis=1).real < 0, -1.0, 1.0)
+    return spinors * sign[:, None], bool(signs_close_up(*continuous.T))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

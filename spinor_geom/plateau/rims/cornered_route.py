@@ -7,7 +7,7 @@ The start is a harmonic surface with rounded corners. `stationary` finds the har
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -16,7 +16,7 @@ from jaxtyping import Complex, Float
 
 from spinor_geom.arrays import EPS, NUMPY, to_numpy, unit
 from spinor_geom.domain.plane_domain import panel_breaks
-from spinor_geom.errors import OutOfTimeError
+from spinor_geom.errors import OutOfTimeError, SurfaceError
 from spinor_geom.holomorphic.cauchy import sign_changing
 from spinor_geom.holomorphic.circular_domain import CircularDomain, centring, turned
 from spinor_geom.mesh.curve import BoundaryCurve
@@ -55,29 +55,32 @@ def solve_with_corners(problem: PlateauProblem, oriented: OrientedSurface) -> Ro
         surface = stationary(start.surface, problem.steps, ROUGHLY)
         surface = stationary(surface.refitted(COARSE), problem.steps, ROUGHLY)
         surface = stationary(surface.refitted(ROUGH), problem.steps)
-    found, limits = _lifted(problem, start, surface), ["more poles at the corners do not reduce the residual further"]
-    if problem.excess(found.misfit) > 1:
-        with _improvement(limits):
+    found, limits = list[LiftedSurface](), ["more poles at the corners do not reduce the residual further"]
+    with suppress(SurfaceError):  # the signs of p and q may be unclear near corners of a coarse surface
+        found.append(_lifted(problem, start, surface))
+    if not found or problem.excess(found[0].misfit) > 1:
+        with _improvement(limits) if found else nullcontext():
             with problem.clock.stage("slides"):
                 surface = stationary(surface.refitted(FINE), problem.steps)
-            found = min(found, _lifted(problem, start, surface), key=lambda one: one.misfit.rms)
-    if problem.excess(found.misfit) > 1:
+            found.append(_lifted(problem, start, surface))
+    best = min(found, key=lambda one: one.misfit.rms)
+    if problem.excess(best.misfit) > 1:
         with _improvement(limits):
-            fitted = _fitted(problem, found)
-            if fitted.misfit.rms < found.misfit.rms:
-                rims_result = _rims_result(found, oriented, period=0.0)  # of the surface before the fit
+            fitted = _fitted(problem, best)
+            if fitted.misfit.rms < best.misfit.rms:
+                rims_result = _rims_result(best, oriented, period=0.0)  # of the surface before the fit
                 return NetworkSolver(problem=problem).result(fitted, start.curves, "network on circles", rims_result)
-    surface_found = found.surface(problem.options.place)
+    surface_found = best.surface(problem.options.place)
     return RouteResult(
         curves=start.curves,
         domain=surface_found.domain,
         surface_at=surface_found.placed,
-        matchings=found.matchings,
-        misfit=found.misfit,
-        area=found.lift.surface.energy,
+        matchings=best.matchings,
+        misfit=best.misfit,
+        area=best.lift.surface.energy,
         route="network on circles",
         limit=limits[-1],
-        rims_result=_rims_result(found, oriented, period=surface_found.largest_period()),
+        rims_result=_rims_result(best, oriented, period=surface_found.largest_period()),
     )
 
 
