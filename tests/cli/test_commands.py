@@ -107,7 +107,7 @@ def test_each_has_its_continuity(mesh_path: Path, tmp_path: Path, options: list[
     assert [loop["kind"] for loop in json.loads(report.read_text())["loops"]] == kinds
 
 
-def test_a_missed_tolerance_is_reported_and_gives_status_1_if_strict(
+def test_a_missed_tolerance_gives_status_1_if_strict(
     mesh_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     output = tmp_path / "filled.obj"
@@ -120,9 +120,7 @@ def test_a_missed_tolerance_is_reported_and_gives_status_1_if_strict(
         assert len(boundary_loops(output)) == 1
 
 
-def test_a_loop_left_open_is_reported_with_status_1_and_a_border_with_status_0(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_loops_left_open_give_status_1_and_borders_0(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     vertices, faces = tube()
     lone = write_obj(tmp_path / "lone.obj", np.vstack([vertices, np.eye(3) + 4]), np.vstack([faces, [48, 49, 50]]))
     assert main(["fill", str(lone), "-o", str(tmp_path / "filled.obj")]) == 1
@@ -136,7 +134,7 @@ def test_a_loop_left_open_is_reported_with_status_1_and_a_border_with_status_0(
     assert boundary_loops(tmp_path / "filled.obj") == []
 
 
-def test_a_patch_that_crosses_the_mesh_is_written_and_reported_with_status_1(
+def test_a_patch_that_crosses_the_mesh_gives_status_1(
     spiked_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     output, report = tmp_path / "filled.obj", tmp_path / "report.json"

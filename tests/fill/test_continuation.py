@@ -305,7 +305,7 @@ def test_a_defective_continuation_is_kept_if_it_crosses_less(monkeypatch: pytest
 
 @pytest.mark.parametrize("error", [SingularMatrixError(size=5), TooManyPointsError("too many points")])
 @pytest.mark.parametrize("failing", ["remesh", "minimised_curvature"])
-def test_a_continuation_that_cannot_be_remeshed_is_kept(
+def test_a_failed_remeshing_keeps_the_continuation(
     monkeypatch: pytest.MonkeyPatch, failing: str, error: SpinorGeomError
 ) -> None:
     mesh = bowl_below(-0.3)
@@ -330,9 +330,7 @@ def test_a_continuation_that_cannot_be_remeshed_is_kept(
 
 
 @pytest.mark.parametrize(("second", "rounds"), [(3.0, 2), (1.9, 3)])
-def test_a_continuation_whose_next_step_is_not_halved_by_a_round_is_left(
-    monkeypatch: pytest.MonkeyPatch, second: float, rounds: int
-) -> None:
+def test_a_slow_continuation_is_left(monkeypatch: pytest.MonkeyPatch, second: float, rounds: int) -> None:
     _, film, collar = with_film(without(icosphere(3), centres(icosphere(3))[:, 2] > -0.3))
     good, left = minimised_curvature(film, collar), [0.001, second, 4.0]
 
@@ -348,9 +346,7 @@ def test_a_continuation_whose_next_step_is_not_halved_by_a_round_is_left(
 
 
 @pytest.mark.parametrize("error", [SingularMatrixError(size=5), TooManyPointsError("too many points")])
-def test_a_patch_whose_domain_of_angles_cannot_be_meshed_is_continued(
-    monkeypatch: pytest.MonkeyPatch, error: SpinorGeomError
-) -> None:
+def test_a_patch_without_meshed_angles_is_continued(monkeypatch: pytest.MonkeyPatch, error: SpinorGeomError) -> None:
     hole = reported_bowl(5)
     _, film, collar = with_film((hole.vertices, hole.faces))
     calls = []

@@ -102,9 +102,7 @@ def test_a_hole_with_a_slit_at_its_edge_is_closed_by_triangles() -> None:
 # --- patches ----------------------------------------------------------------------------------------------------------
 
 
-def test_without_time_to_search_for_intersections_a_patch_is_kept_and_not_called_free_of_them(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_patch_without_time_for_a_search_is_not_called_free_of_intersections(monkeypatch: pytest.MonkeyPatch) -> None:
     mesh = collar(np.random.default_rng(0).normal(size=(40, 3)), np.array([0, 0, 0.01]))
     monkeypatch.setattr("spinor_geom.fill.fill_loop.LEAST_TIME", -1)
     report, outcome = filled_at(mesh, 0, time_limit=1e-3)

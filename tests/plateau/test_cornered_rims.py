@@ -244,9 +244,7 @@ def test_masts_above_the_last_surface_have_none():
 
 @pytest.mark.parametrize("seed", range(8))
 @pytest.mark.parametrize("turns", [0.0, 0.5])
-def test_signs_of_spinors_do_not_depend_on_nodes_near_corners_where_the_curve_is_not_null(
-    seed: int, turns: float
-) -> None:
+def test_signs_of_spinors_do_not_depend_on_nodes_without_null_curve(seed: int, turns: float) -> None:
     rng = np.random.default_rng(seed)
     t = np.arange(200) / 200
     spinors = np.exp(2j * np.pi * turns * t)[:, None] * np.stack([1 + 0 * t, 0.8 * np.exp(2j * np.pi * t)], axis=1)
