@@ -172,9 +172,9 @@ def loops_page(
     )
     body = [
         f"<h1>{title}</h1>",
-        f"<p>{len(loops)} {'loop' if len(loops) == 1 else 'loops'}. A click on a rim or its button: filled by a film "
-        "(orange), a smooth continuation (green), or left open (blue). The button of all leaves out those in red, as a "
-        "fill of all holes does. The command does what is chosen.</p>",
+        f"<p>{len(loops)} {'loop' if len(loops) == 1 else 'loops'}. Click a rim or its button to choose a film "
+        "(orange), a smooth continuation (green), or to leave it open (blue). The button “all” leaves out red loops, "
+        "as a fill of all holes does. The command fills what is chosen.</p>",
         command,
         beside(views.figure(scene), f'<div class="all">{listed}</div>'),
         f"<p><small>{_KEYS} A click on a row shows its loop.</small></p>",
