@@ -155,7 +155,7 @@ class _Maker:
         search = _SEARCH_SECONDS * len(start.patch.faces)
         self.options.on_stage(self.index, "continuation")
         # a film that is not solved yet needs half of the time
-        end_of_continuation = (perf_counter() + end) / 2 if solved is None else end
+        end_of_continuation = (perf_counter() + end) / 2 if solved is None else end - search
         target = self.options.target_edge_length
 
         def continued(near: PatchedMesh, local: NewPatch, unit: float) -> NewPatch:
@@ -194,7 +194,7 @@ class _Maker:
             return replace(new, remarks=(*new.remarks, NOT_CLEARED))
 
         def cleared(near: PatchedMesh, local: NewPatch, _: float) -> NewPatch:
-            with _until(self.end):
+            with _until(self.end - search):  # of the patch without intersections
                 return without_intersections(near, local.fitted(near))
 
         try:

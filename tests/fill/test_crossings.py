@@ -134,6 +134,14 @@ def test_the_mesh_of_a_film_leaves_time_for_the_search_for_intersections(monkeyp
     assert left["fitted"] - left["mesh_over_points"] == pytest.approx(LEAST_TIME, abs=1e-3)
 
 
+def test_the_removal_of_intersections_leaves_time_for_the_search_after_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    left, fitted = [], fill_loop._Maker._fitted
+    monkeypatch.setattr(fill_loop._Maker, "_fitted", lambda *them: (fitted(*them)[0], 5.0))  # seconds of a search
+    monkeypatch.setattr(fill_loop, "without_intersections", lambda _, local: left.append(seconds_left()) or local)
+    filled_at(spiked_tetrahedron(), 0, time_limit=60)
+    assert left[0] < 55
+
+
 def test_without_time_to_remove_intersections_a_patch_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("spinor_geom.fill.fill_loop._SEARCHES", -1e9)  # the limit ends during the removal
     report, outcome = filled_at(spiked_tetrahedron(), 0, time_limit=1e-3)
