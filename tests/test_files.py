@@ -109,9 +109,7 @@ def test_a_folder_appears_with_all_its_files_or_not_at_all(tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("call", "code"), [("open", errno.EACCES), ("fsync", errno.EINVAL), ("fsync", errno.ENOTSUP), ("fsync", errno.EIO)]
 )
-def test_folders_that_cannot_be_flushed_are_no_error_but_broken_disks_are(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str, code: int
-) -> None:
+def test_broken_disks_are_errors(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str, code: int) -> None:
     # as Windows refuses to open a folder, and some network file systems to flush one
     real = getattr(os, call)
 

@@ -17,7 +17,8 @@ from jaxtyping import Float, Int
 from spinor_geom.adapters.contents import UV, FileContents, is_held_in_single_precision, malformed
 from spinor_geom.adapters.glb import encode_glb, glb_offset, names_in_glb, read_glb
 from spinor_geom.adapters.library_files import encode_vtk, read_vtk
-from spinor_geom.adapters.obj import OWN_GROUP, encode_obj, material_library, read_obj
+from spinor_geom.adapters.obj import read_obj
+from spinor_geom.adapters.obj_writing import OWN_GROUP, encode_obj, material_library
 from spinor_geom.adapters.off import encode_off, read_off
 from spinor_geom.adapters.ply import encode_ply, names_in_ply, read_ply
 from spinor_geom.adapters.polygon_faces import Polygons, close_seams
@@ -218,20 +219,12 @@ class MeshFile(Shown):
         ]
         if appearance is None:
             return notes, {}, None
-        if self.path is None:
-            named = Companions(folder=Path())
-            if appearance.names:
-                named.notes.append("the files that it refers to are not copied: its folder is not known")
-        else:
-            named = Companions.of(self.path.parent, appearance)
+        named = Companions.of(self.path and self.path.parent, appearance)
         if follows:
             return notes + named.notes, named.files, None
         texture = appearance.texture or named.texture
         if texture is not None and texture.media_type and suffix in TEXTURED and "uv" in self.contents.attributes:
-            if others := [one[:40] for one in sorted({*appearance.others, *named.others})]:
-                more = f", and {len(others) - 5} more" if len(others) > 5 else ""
-                notes.append(f"only the image of colours is kept of the materials, not {', '.join(others[:5])}{more}")
-            return notes, {}, texture
+            return notes + named.without(appearance.others), {}, texture
         reason = "only a single image of colours can be converted"
         if suffix not in TEXTURED:
             reason = f"{suffix} files hold none"
@@ -247,7 +240,7 @@ class MeshFile(Shown):
         contents, appearance = self.contents.split(), self.contents.appearance
         if appearance is None or contents.attributes.get("uv", np.zeros((0, 0))).shape[1] < 2:
             return None
-        named = Companions.of(Path() if self.path is None else self.path.parent, appearance)
+        named = Companions.of(self.path and self.path.parent, appearance)
         texture = appearance.texture or named.texture
         if texture is None:
             if not named.colours and not appearance.has_several:

@@ -108,11 +108,15 @@ class Companions:
     others: set[str] = field(default_factory=set)  # properties of the materials besides images of colours
 
     @classmethod
-    def of(cls, folder: Path, appearance: Appearance) -> Companions:
-        """The material libraries and images that a mesh file in a folder names, and those that the libraries name."""
-        names, materials = appearance.names, appearance.materials
-        found = cls(folder=folder)
-        for name in names:
+    def of(cls, folder: Path | None, appearance: Appearance) -> Companions:
+        """The material libraries and images that a mesh file in a folder names, and those that the libraries name.
+
+        Without a folder, as for bytes that were read, there are none.
+        """
+        materials, found = set(appearance.materials), cls(folder=folder or Path())
+        if folder is None and appearance.names:
+            found.notes.append("the files that it refers to are not copied: its folder is not known")
+        for name in appearance.names if folder is not None else ():
             found._add(name, (LIBRARY, *IMAGES))
             if PurePosixPath(name).suffix.lower() in IMAGES:
                 found.colours.add(_slashes(name))
@@ -124,7 +128,7 @@ class Companions:
                 is_used = not materials or material in materials
                 if match := _MATERIAL.fullmatch(line):
                     material = match[1]
-                    plain |= {material} if not materials else {material} & {*materials}
+                    plain |= {material} if not materials or material in materials else set()
                 elif match := _IMAGE.fullmatch(line):
                     image = str(inside / _slashes(match[3]))
                     found._add(image, IMAGES)
@@ -144,6 +148,13 @@ class Companions:
             return None
         (name,) = self.colours
         return Texture(data=self.files[name], name=name)
+
+    def without(self, others: tuple[str, ...]) -> list[str]:
+        """A sentence on what is lost where only the image of colours is kept, besides other properties, or none."""
+        lost = [one[:40] for one in sorted({*others, *self.others})]
+        more = f", and {len(lost) - 5} more" if len(lost) > 5 else ""
+        words = f"only the image of colours is kept of the materials, not {', '.join(lost[:5])}{more}"
+        return [words] if lost else []
 
     def _add(self, name: str, suffixes: tuple[str, ...]) -> None:
         name = _slashes(name)

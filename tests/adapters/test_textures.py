@@ -294,6 +294,12 @@ def test_names_are_followed_up_to_a_number_and_a_size(tmp_path: Path, monkeypatc
     assert f"more than {textures.MOST_FILES} files" in notes[-1]
 
 
+def test_a_library_of_many_materials_does_not_take_a_search_for_each(tmp_path: Path) -> None:
+    (tmp_path / "a.mtl").write_text("".join(f"newmtl {k}\nmap_Kd a.png\n" for k in range(40_000)))
+    appearance = textures.Appearance(names=("a.mtl",), materials=tuple(map(str, range(40_000, 80_000))))
+    assert textures.Companions.of(tmp_path, appearance).texture is None  # took minutes
+
+
 def test_nothing_is_written_through_a_link_beside_the_output(tmp_path: Path) -> None:
     source, out, other = textured(tmp_path / "in"), tmp_path / "out", tmp_path / "other"
     out.mkdir()
