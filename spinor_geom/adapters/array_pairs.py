@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from spinor_geom.adapters.vertex_data import append_attributes
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh, Within, require_existing_vertices
@@ -47,7 +49,10 @@ class PairAdapter:
 
     def to_mesh(self, obj: Any) -> TriangleMesh:
         """The mesh of the two members."""
-        return TriangleMesh(*map(_array, obj))
+        vertices, faces = obj
+        is_real = not isinstance(vertices, np.ndarray) and vertices.dtype.is_floating_point
+        stored = partial(_stored_in_tensor, vertices.dtype) if is_real else None
+        return TriangleMesh(_array(vertices), _array(faces), stored=stored)
 
     def extend(self, obj: Any, extension: MeshExtension) -> Any:
         """A new pair whose first rows are the old ones."""
@@ -79,6 +84,14 @@ def _array(values: Any) -> np.ndarray:
     tensor = values.detach().cpu()
     # numpy has no bfloat16; float64 holds every shorter floating type exactly
     return np.asarray(tensor.double() if tensor.dtype.is_floating_point else tensor)
+
+
+def _stored_in_tensor(
+    dtype: Any, points: Float[np.ndarray, "n 3"], _: Int[np.ndarray, " m"]
+) -> Float[np.ndarray, "n 3"]:
+    import torch
+
+    return np.asarray(torch.tensor(points).to(dtype).double())
 
 
 def _followed_by(values: Any, rows: np.ndarray, *, keeps_dtype: bool) -> Any:

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from spinor_geom.adapters.polygon_faces import Polygons
 from spinor_geom.adapters.vertex_data import attribute_rows
 from spinor_geom.errors import MeshShapeError
 from spinor_geom.mesh.topology import boundary_edges
-from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh, require_existing_vertices
+from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh, require_existing_vertices, stored_as
 
 # of Blender's attributes of real numbers: the name of the values, and how many there are
 _FIELDS = {
@@ -30,6 +31,7 @@ _FIELDS = {
 _REAL_LAYERS = {"float": 1, "float_vector": 3, "float_color": 4, "color": 4, "uv": 2}
 _OTHER_LAYERS = ("int", "bool", "string")
 _GROUP = "vertex group "
+_SINGLE = stored_as(np.dtype(np.float32))  # Blender's positions
 
 
 class BlenderMeshAdapter:
@@ -51,7 +53,7 @@ class BlenderMeshAdapter:
             polygons = Polygons.of_sizes(corners, _values(mesh.polygons, "loop_total", 1, np.int32)[:, 0])
             faces = polygons.triangulated(vertices)[0]
             attributes = _attributes(mesh, vertices, polygons.corners) | _weights(mesh, faces)
-        return TriangleMesh(vertices, faces, vertex_attributes=attributes)
+        return TriangleMesh(vertices, faces, vertex_attributes=attributes, stored=_SINGLE)
 
     def extend(self, obj: Any, extension: MeshExtension) -> Any:
         """A new `Mesh` of the file with the extension appended. All that the old one has is copied.
@@ -85,7 +87,8 @@ class BlenderObjectAdapter:
         """The triangles. Raises a MeshShapeError for objects of other types, and if a scale is 0."""
         mesh, (axes, origin) = _MESHES.to_mesh(self._mesh(obj)), self._transform(obj)
         attributes = mesh.vertex_attributes
-        return TriangleMesh(mesh.vertices @ axes + origin, mesh.faces, vertex_attributes=attributes)
+        stored = partial(_stored_in_object, axes, origin)
+        return TriangleMesh(mesh.vertices @ axes + origin, mesh.faces, vertex_attributes=attributes, stored=stored)
 
     def extend(self, obj: Any, extension: MeshExtension) -> Any:
         """A copy of the object, in no collection, with a new `Mesh` and the same materials, groups and modifiers."""
@@ -110,6 +113,15 @@ class BlenderObjectAdapter:
         if np.linalg.matrix_rank(matrix[:3, :3]) < 3:
             raise MeshShapeError(f"the object {obj.name!r} has no extent along an axis; give it a scale other than 0")
         return matrix[:3, :3].T, matrix[:3, 3]
+
+
+def _stored_in_object(
+    axes: Float[np.ndarray, "3 3"],
+    origin: Float[np.ndarray, " 3"],
+    points: Float[np.ndarray, "n 3"],
+    rim: Int[np.ndarray, " m"],
+) -> Float[np.ndarray, "n 3"]:
+    return np.asarray(_SINGLE((points - origin) @ np.linalg.inv(axes), rim) @ axes + origin)
 
 
 _MESHES = BlenderMeshAdapter()

@@ -13,7 +13,7 @@ from spinor_geom.adapters.polygon_faces import Polygons
 from spinor_geom.adapters.textures import Appearance
 from spinor_geom.errors import MeshFileError
 from spinor_geom.mesh.topology import coincident_vertices
-from spinor_geom.mesh.triangle_mesh import MeshExtension
+from spinor_geom.mesh.triangle_mesh import MeshExtension, Stored
 
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"  # what some editors put before UTF-8 text
 LONGEST_PROBLEM = 240  # characters
@@ -53,6 +53,7 @@ class FileContents:
     unit: str = ""  # of lengths, one of `METRES`, if the format has units
     # the places of vertices that are NaN or infinite, as "line 12", by index; may be empty
     nonfinite_places: Mapping[int, str] = field(default_factory=dict)
+    stored: Stored | None = None  # the positions that new vertices get in the file
     is_text_stl: bool = False  # whether an STL file is to be written as text, with all digits
     notes: tuple[str, ...] = ()  # sentences on changes after reading
     suffix: str = ""  # the format that was read, as ".obj", or "" where the contents were changed
@@ -198,18 +199,21 @@ def is_held_in_single_precision(contents: FileContents, positions: Float[np.ndar
 
     Different vertices must stay different, and each edge must change by at most `MOST_CHANGE` of its length. Edges of
     new faces may change more if the vertices of all others do not change: their mesh was in single precision before.
+    Raises as `single_precision`.
     """
     corners = contents.polygons.corners
-    used = np.unique(corners)
-    with np.errstate(over="ignore"):  # reported by `single_precision`
+    is_old = np.repeat(contents.loop_of_faces < 0, contents.polygons.sizes)
+    used, old = np.unique(corners), np.unique(corners[is_old])
+    single_precision(positions[used])  # raises
+    with np.errstate(over="ignore"):
         rounded = positions.astype(np.float32).astype(np.float64)
-    if not np.isfinite(rounded[used]).all():
-        return True
-    if len(np.unique(coincident_vertices(rounded[used]))) < len(np.unique(coincident_vertices(positions[used]))):
+    # new vertices at one position may have been rounded before
+    new = np.setdiff1d(contents.representatives[corners], contents.representatives[corners[is_old]])
+    wanted = len(np.unique(coincident_vertices(positions[old]))) + len(new)
+    if len(np.unique(coincident_vertices(rounded[used]))) < wanted:
         return False
     following = np.arange(1, len(corners) + 1)
     following[contents.polygons.starts[1:] - 1] = contents.polygons.starts[:-1]
-    is_old = np.repeat(contents.loop_of_faces < 0, contents.polygons.sizes)
     if not is_old.all() and np.array_equal(rounded[corners[is_old]], positions[corners[is_old]]):
         return True
     # as fractions of the longest edge, because squares of lengths may overflow

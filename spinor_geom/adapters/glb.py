@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import groupby
 from operator import attrgetter
@@ -19,7 +19,7 @@ from spinor_geom.adapters.polygon_faces import Polygons, seam_representatives
 from spinor_geom.adapters.textures import EMBEDDED, Appearance, Texture
 from spinor_geom.adapters.vertex_data import as_float64, cast_values, parts_of_faces, unit_vectors
 from spinor_geom.errors import MeshFileError, PrecisionError
-from spinor_geom.mesh.triangle_mesh import MeshExtension
+from spinor_geom.mesh.triangle_mesh import MeshExtension, Stored, stored_as
 
 TRIANGLES, STRIPS_AND_FANS = 4, (5, 6)  # a primitive's mode
 MOVES = {"matrix", "rotation", "scale", "translation"}  # of a node
@@ -68,6 +68,7 @@ def read_glb(data: bytes) -> FileContents:
         appearance=_appearance(container, pieces),
         unit="meter",
         suffix=".glb",
+        stored=partial(_stored, pieces),
         appended=partial(_appended, data, pieces),
     )
 
@@ -162,6 +163,15 @@ def _appended(data: bytes, pieces: Sequence[PlacedPrimitive], extension: MeshExt
     return container.encoded()
 
 
+def _stored(
+    pieces: Sequence[PlacedPrimitive], points: Float[np.ndarray, "n 3"], rim: Int[np.ndarray, " m"]
+) -> Float[np.ndarray, "n 3"]:
+    """The positions of the new vertices of a patch, which has the node of most vertices of its rim, in the file."""
+    owners = np.searchsorted([piece.start for piece in pieces], rim, side="right") - 1
+    piece = pieces[int(np.bincount(owners).argmax())]
+    return replace(piece, rows={"POSITION": piece.encoded("POSITION", points)}).decoded("POSITION")
+
+
 def names_in_glb(contents: FileContents) -> dict[str, str]:
     """The name of each attribute in a new GLB file, without attributes that are too wide or whose names clash."""
     found: dict[str, str] = {}
@@ -208,6 +218,18 @@ def encode_glb(contents: FileContents) -> bytes:
         "meshes": [{"primitives": [primitive]}],
     }
     return container.encoded()
+
+
+def stored_in_glb(contents: FileContents) -> Stored:
+    """The positions in a new GLB file. Raises as `glb_offset`."""
+    return partial(_stored_about, glb_offset(contents), METRES.get(contents.unit, 1.0))
+
+
+def _stored_about(
+    offset: Float[np.ndarray, "3"], unit: float, points: Float[np.ndarray, "n 3"], rim: Int[np.ndarray, " m"]
+) -> Float[np.ndarray, "n 3"]:
+    rounded = stored_as(np.dtype(np.float32))(points * unit - offset, rim)
+    return np.asarray((rounded + offset) / unit)
 
 
 def glb_offset(contents: FileContents) -> Float[np.ndarray, "3"]:

@@ -15,14 +15,14 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from spinor_geom.adapters.contents import UV, FileContents, is_held_in_single_precision, malformed
-from spinor_geom.adapters.glb import encode_glb, glb_offset, names_in_glb, read_glb
+from spinor_geom.adapters.glb import encode_glb, glb_offset, names_in_glb, read_glb, stored_in_glb
 from spinor_geom.adapters.library_files import encode_vtk, read_vtk
 from spinor_geom.adapters.obj import read_obj
 from spinor_geom.adapters.obj_writing import OWN_GROUP, encode_obj, material_library
 from spinor_geom.adapters.off import encode_off, read_off
 from spinor_geom.adapters.ply import encode_ply, names_in_ply, read_ply
 from spinor_geom.adapters.polygon_faces import Polygons, close_seams
-from spinor_geom.adapters.stl import encode_stl, read_stl
+from spinor_geom.adapters.stl import encode_stl, read_stl, stored_in_stl
 from spinor_geom.adapters.textures import Appearance, Companions, Texture, Textured
 from spinor_geom.adapters.threemf import encode_3mf, read_3mf
 from spinor_geom.adapters.vertex_data import append_attributes
@@ -30,7 +30,7 @@ from spinor_geom.errors import MeshError, MeshFileError, NonFiniteVertexError, P
 from spinor_geom.files import atomic_path, safe_name, together
 from spinor_geom.mesh.array_checks import nonfinite_rows, with_finite_rows
 from spinor_geom.mesh.topology import coincident_vertices
-from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh, Within, require_finite
+from spinor_geom.mesh.triangle_mesh import MeshExtension, Stored, TriangleMesh, Within, require_finite
 from spinor_geom.shown import Shown, shortened
 
 
@@ -42,6 +42,7 @@ class Format(NamedTuple):
     names: Callable[[FileContents], Collection[str]]  # the attributes that a new file can hold
     packages: tuple[str, ...] = ()  # required besides those of the project
     holds_nan: bool = True  # whether positions may be NaN or infinite
+    stored: Callable[[FileContents], Stored | None] = lambda contents: None  # the positions in a new file, if rounded
 
 
 _attributes = attrgetter("attributes")
@@ -49,9 +50,9 @@ TEXTURED = (".obj", ".ply", ".glb")  # formats of new files with a texture
 FORMATS = {
     ".obj": Format(read_obj, encode_obj, lambda contents: ("color", "uv", "normal")),
     ".ply": Format(read_ply, encode_ply, names_in_ply),
-    ".stl": Format(read_stl, encode_stl, lambda contents: ()),
+    ".stl": Format(read_stl, encode_stl, lambda contents: (), stored=stored_in_stl),
     ".off": Format(read_off, encode_off, lambda contents: ("color",)),
-    ".glb": Format(read_glb, encode_glb, names_in_glb, holds_nan=False),
+    ".glb": Format(read_glb, encode_glb, names_in_glb, holds_nan=False, stored=stored_in_glb),
     **{
         name: Format(partial(read_vtk, suffix=name), partial(encode_vtk, suffix=name), _attributes, ("pyvista",), nan)
         for name, nan in ((".vtp", False), (".vtk", True))
@@ -96,11 +97,11 @@ class MeshFile(Shown):
             contents.vertices, contents.polygons.corners, contents.polygons.starts, contents.nonfinite_places
         )
         faces, kept = close_seams(triangles, contents.representatives)
-        mesh = TriangleMesh(contents.vertices, faces, vertex_attributes=contents.attributes, labels=contents.labels)
+        attributes, labels, stored = contents.attributes, contents.labels, contents.stored
         return cls(
             path=path,
             contents=contents,
-            mesh=mesh,
+            mesh=TriangleMesh(contents.vertices, faces, vertex_attributes=attributes, labels=labels, stored=stored),
             face_polygons=polygons[kept],
             read_sizes=read_sizes or (len(contents.vertices), len(contents.polygons)),
         )
@@ -168,6 +169,18 @@ class MeshFile(Shown):
             suffix="",
         )
         return MeshFile.of_contents(contents, path=self.path)
+
+    def as_stored(self, suffix: str) -> MeshFile:
+        """The file with the positions that a file of a format (such as ".stl") has, so that what is filled is written.
+
+        Raises a PrecisionError if single precision does not hold the mesh.
+        """
+        stored = None if suffix not in FORMATS or self._follows(suffix) else FORMATS[suffix].stored(self.contents)
+        if stored is None:
+            return self
+        vertices = stored(self.contents.vertices, np.zeros(0, dtype=np.int64))
+        contents = replace(self.contents, vertices=vertices, stored=stored)
+        return MeshFile.of_contents(contents, path=self.path, read_sizes=self.read_sizes)
 
     def write(self, path: str | os.PathLike[str]) -> tuple[str, ...]:
         """Writes the file in the format of the suffix of `path`.

@@ -125,8 +125,7 @@ class MeshioAdapter:
         Raises a MeshShapeError for plane meshes (two coordinates a point) and cells other than faces, points and lines.
         """
         points, polygons = self._points_and_polygons(obj)
-        vertices = points.astype(np.float64)
-        return triangles_of(vertices, polygons.triangulated(vertices)[0], obj.point_data)
+        return triangles_of(points, polygons.triangulated(points.astype(np.float64))[0], obj.point_data)
 
     def extend(self, obj: meshio.Mesh, extension: MeshExtension) -> meshio.Mesh:
         """A new mesh with the extension appended: its faces are a block of triangles of their own.

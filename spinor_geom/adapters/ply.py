@@ -1,9 +1,10 @@
 """PLY, text and binary: polygons and all properties of vertices. Other elements are kept when a file is extended."""
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -12,7 +13,7 @@ from spinor_geom.adapters.contents import BYTE_ORDER_MARK, UV, FileContents, col
 from spinor_geom.adapters.polygon_faces import Polygons, seam_representatives
 from spinor_geom.adapters.records import Element, Property, Records, binary_records, parse_rows, read_binary, split_rows
 from spinor_geom.adapters.textures import Appearance
-from spinor_geom.adapters.vertex_data import as_float64, most_frequent_row
+from spinor_geom.adapters.vertex_data import as_float64, cast_values, most_frequent_row
 from spinor_geom.errors import PolygonError
 from spinor_geom.mesh.array_checks import nonfinite_rows
 from spinor_geom.mesh.find_loops import repeats_a_vertex
@@ -167,6 +168,7 @@ def contents_of_records(records: Records, *, suffix: str) -> FileContents:
         color_scale=color_scale,
         face_loops=patches.astype(np.int64) if patches is not None and patches.dtype.kind == "i" else None,
         representatives=seam_representatives(points, polygons, appearance),
+        stored=None if records.newline else partial(_stored, tuple(vertices.values[name].dtype for name in "xyz")),
         nonfinite_places={vertex: vertices.line(vertex) for vertex in wrong},
         several=() if corner_uv is None else (UV,),
         corner_uv=corner_uv,
@@ -175,6 +177,14 @@ def contents_of_records(records: Records, *, suffix: str) -> FileContents:
         notes=("triangle strips were changed into faces",) if has_strips else (),
         appended=None if has_strips else partial(_appended, records, groups, corner_list, of_new_faces),
     )
+
+
+def _stored(
+    dtypes: Sequence[np.dtype[Any]], points: Float[np.ndarray, "n 3"], _: Int[np.ndarray, " m"]
+) -> Float[np.ndarray, "n 3"]:
+    """Positions as binary properties of some types hold them."""
+    columns = [cast_values(column, dtype) for column, dtype in zip(points.T[..., None], dtypes, strict=True)]
+    return np.concatenate(columns, axis=1, dtype=np.float64)
 
 
 def _corner_list(element: Element) -> str:

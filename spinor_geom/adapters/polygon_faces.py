@@ -219,7 +219,8 @@ def appearance_of(attributes: Mapping[str, Float[np.ndarray, "v _"]]) -> list[Fl
 def without_seams(mesh: TriangleMesh) -> TriangleMesh:
     """A mesh closed along the edges where texture coordinates, normals or colours differ."""
     closed, _ = closed_along_seams(mesh)
-    return TriangleMesh(mesh.vertices, closed, vertex_attributes=mesh.vertex_attributes, labels=mesh.labels)
+    attributes, labels, stored = mesh.vertex_attributes, mesh.labels, mesh.stored
+    return TriangleMesh(mesh.vertices, closed, vertex_attributes=attributes, labels=labels, stored=stored)
 
 
 def closed_along_seams(mesh: TriangleMesh) -> tuple[Int[np.ndarray, "g 3"], Bool[np.ndarray, " f"]]:

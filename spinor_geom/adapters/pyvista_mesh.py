@@ -40,8 +40,8 @@ class PyVistaAdapter:
 
     def to_mesh(self, obj: Mesh) -> TriangleMesh:
         """The triangles, quads split, closed along seams. Raises a MeshShapeError for cells of other types."""
-        vertices = as_float64(np.asarray(obj.points))
-        return without_seams(triangles_of(vertices, polygons_of(obj).triangulated(vertices)[0], _arrays(obj)))
+        points = np.asarray(obj.points)
+        return without_seams(triangles_of(points, polygons_of(obj).triangulated(as_float64(points))[0], _arrays(obj)))
 
     def extend(self, obj: Any, extension: MeshExtension) -> Any:
         """A new mesh of the same type with the extension appended: its cells after the old ones, as triangles.

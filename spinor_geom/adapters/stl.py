@@ -21,6 +21,7 @@ from spinor_geom.adapters.polygon_faces import Polygons
 from spinor_geom.adapters.vertex_data import as_float64, unit_vectors
 from spinor_geom.errors import MeshFileError, PrecisionError
 from spinor_geom.mesh.array_checks import nonfinite_rows
+from spinor_geom.mesh.triangle_mesh import Stored, stored_as
 
 FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 HEADER = 80
@@ -51,6 +52,7 @@ def read_stl(data: bytes) -> FileContents:
         polygons=Polygons.of_triangles(np.arange(len(vertices)).reshape(-1, 3)),
         representatives=np.arange(len(vertices)),
         nonfinite_places={vertex: f"facet {vertex // 3}" for vertex in nonfinite_rows(vertices).tolist()},
+        stored=None if is_text else stored_as(FACET["corners"].base),
         is_text_stl=is_text,
     )
 
@@ -63,9 +65,7 @@ def encode_stl(contents: FileContents) -> bytes:
     size = np.abs(corners).max(axis=(1, 2), keepdims=True, initial=0.0)
     a, b, c = np.moveaxis(np.divide(corners, size, out=np.zeros_like(corners), where=size > 0), 1, 0)
     normals = unit_vectors(np.cross(b - a, c - a))
-    if not contents.is_text_stl and not is_held_in_single_precision(contents, contents.vertices):
-        raise PrecisionError(suffix=".stl")
-    if contents.is_text_stl:
+    if stored_in_stl(contents) is None:
         rows = text_rows(corners.reshape(-1, 3))
         blocks = [
             f"facet normal {normal}\n outer loop\n  vertex {a}\n  vertex {b}\n  vertex {c}\n endloop\nendfacet\n"
@@ -76,6 +76,15 @@ def encode_stl(contents: FileContents) -> bytes:
     facets["normal"] = normals
     facets["corners"] = single_precision(corners)
     return SOLID.encode("ascii").ljust(HEADER, b"\0") + struct.pack("<I", len(faces)) + facets.tobytes()
+
+
+def stored_in_stl(contents: FileContents) -> Stored | None:
+    """The positions in a new STL file, None for text. Raises a PrecisionError if float32 does not hold the mesh."""
+    if contents.is_text_stl:
+        return None
+    if not is_held_in_single_precision(contents, contents.vertices):
+        raise PrecisionError(suffix=".stl")
+    return stored_as(FACET["corners"].base)
 
 
 def _text_corners(data: bytes) -> Float[np.ndarray, "f 3 3"]:

@@ -64,6 +64,7 @@ class FileTask:
         try:
             place = None if source.member else Path(source.path)
             mesh = merged(mesh_of_contents(self._curve_contents, suffix, path=place), options.merge)
+            mesh = mesh.as_stored(f".{self._format}") if options.what != "loops" else mesh
             self._clock.lap("read")
             if len(mesh.mesh.faces) or not self.curves:
                 require_faces(mesh.mesh)

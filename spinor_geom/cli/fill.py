@@ -52,7 +52,7 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
         require("matplotlib", extra="render")
     mesh = read_surface(arguments.input, merge=arguments.merge)
     edge_length: float | Literal["auto"] = arguments.edge_length or "auto"
-    known_suffix(arguments.output)
+    mesh = mesh.as_stored(known_suffix(arguments.output))
     require_writable(arguments.output)  # the filled mesh may replace the input. No other output may
     is_replaced = os.path.realpath(arguments.output) == os.path.realpath(arguments.input)
     outputs = [arguments.output]

@@ -203,7 +203,7 @@ def _saved(mesh: MeshFile, job: dict[str, Any], send: Send) -> Event:
     output, done = Path(job["output"]), count(1)
     try:
         filled, result = fill_hole(
-            mesh,
+            mesh.as_stored(output.suffix.lower()),
             job["loop"],
             bridge=job["bridge"],
             continuity={int(index): kind for index, kind in job["continuity"].items()},

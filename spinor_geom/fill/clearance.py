@@ -47,12 +47,13 @@ def cleared(patched: PatchedMesh, new: NewPatch) -> NewPatch:
         chords = chords[np.isin(chords @ [count, 1], sides @ [count, 1])]
         unmoved = None
         if len(chords):
-            patch = split_chords(patch, chords, new.surface)
+            patch = patched.as_stored(split_chords(patch, chords, new.surface), new.rim)
             split += len(chords)
             start = np.concatenate([start, patch.vertices[count:]])
         else:
             folded = np.unique(faces[crossings.own.ravel() - patched.face_count])
             moved = _moved(patch, wall.steps(patch, own, old), folded[folded >= patch.boundary_size])
+            moved = patched.as_stored(moved, new.rim)
             a, b, c = (moved.vertices != patch.vertices).any(axis=1)[faces.T]
             patch, unmoved = moved, np.where(a | b | c, -1, np.arange(len(faces)))
         displacement = float(np.linalg.norm(patch.vertices - start, axis=1).max())

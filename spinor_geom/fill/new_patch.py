@@ -70,12 +70,11 @@ class NewPatch:
         return replace(new, crossings=patched.crossings(new.patch))
 
     def split(self, patched: PatchedMesh) -> NewPatch:
-        """Splits inner edges that are edges of the mesh or of another patch."""
-        taken = patched.taken_chords(self.patch, self.rim)
-        if not len(taken):
-            return self
-        patch = split_chords(self.patch, taken, self.surface)
-        return replace(self, patch=patch, edges_split=self.edges_split + len(taken))
+        """Splits inner edges that are edges of the mesh or of another patch. The vertices get their final positions."""
+        taken, patch = patched.taken_chords(self.patch, self.rim), self.patch
+        if len(taken):
+            patch = split_chords(patch, taken, self.surface)
+        return replace(self, patch=patched.as_stored(patch, self.rim), edges_split=self.edges_split + len(taken))
 
 
 _MARGIN = 0.5  # of the box in which a patch may grow, per diagonal of the patch
@@ -112,7 +111,7 @@ def in_own_frame(patched: PatchedMesh, new: NewPatch, change: Change) -> tuple[N
         crossings=NO_CROSSINGS,
     )
     changed = change(near, start, frame.size)
-    patch = changed.patch.placed_by(frame, loop.points)
+    patch = patched.as_stored(changed.patch.placed_by(frame, loop.points), loop.vertex_ids)
     continuation = changed.continuation
     placed = replace(
         changed,

@@ -12,6 +12,7 @@ from scipy.sparse import csr_array
 
 from spinor_geom.arrays import distinct
 from spinor_geom.domain.delaunay import rim_successors
+from spinor_geom.errors import SurfaceError
 from spinor_geom.kernel import call, checked
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.intersections import intersections_between, is_graph, self_intersections, sorted_pairs
@@ -117,6 +118,19 @@ class PatchedMesh:
         ends = np.stack([mesh.faces[sides // 3, sides % 3], mesh.faces[sides // 3, (sides + 1) % 3]], axis=1)
         self._mesh_edges = frozenset(self._keys(ends))
         self.clear()
+
+    def as_stored(self, patch: Patch, rim: Int[np.ndarray, " m"]) -> Patch:
+        """A patch with the positions that its inner vertices get where the filled mesh is stored.
+
+        Raises a SurfaceError if one is too large.
+        """
+        inner = patch.vertices[patch.boundary_size :]
+        stored = self.mesh.stored(inner, rim)
+        if np.array_equal(stored, inner):
+            return patch
+        if not np.isfinite(stored).all():
+            raise SurfaceError("positions of the patch are too large for the numbers of the mesh; give it in float64")
+        return replace(patch, vertices=np.concatenate([patch.vertices[: patch.boundary_size], stored]))
 
     def clear(self) -> None:
         """Removes all patches."""
@@ -289,7 +303,13 @@ class PatchedMesh:
         first = corners.argmin(axis=1)[:, None]
         corners = np.take_along_axis(corners, (first + np.arange(3)) % 3, axis=1)
         in_order = np.argsort(corners @ [len(ids) ** 2, len(ids), 1])
-        mesh = TriangleMesh(frame.local(self.mesh.vertices[ids]), corners[in_order])
+
+        def stored(points: Float[np.ndarray, "n 3"], _: Int[np.ndarray, " m"]) -> Float[np.ndarray, "n 3"]:
+            outside = frame.outside(points)
+            stored = self.mesh.stored(outside, loop.vertex_ids)
+            return points if np.array_equal(stored, outside) else frame.local(stored)
+
+        mesh = TriangleMesh(frame.local(self.mesh.vertices[ids]), corners[in_order], stored=stored)
         near = PatchedMesh(mesh, [replace(loop, vertex_ids=np.arange(len(rim)))])
         shared = np.flatnonzero(self._loops_at[rim] > 1)
         pairs = np.stack(np.triu_indices(len(shared), 1), axis=1)

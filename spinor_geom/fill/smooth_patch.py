@@ -78,7 +78,7 @@ def smooth_patch(
     if is_end and not len(film().crossings) and not film().faces_replaced:
         raise NotContinuedError(f"film and mesh {met}")
     try:
-        smooth = _continued(start, collar, before, lengths)
+        smooth = _continued(patched, start, collar, before, lengths)
         reason = _defect(smooth)
         if reason and not len(film().crossings):
             raise SurfaceError(reason)
@@ -102,11 +102,12 @@ def smooth_patch(
     return replace(smooth, continuation=None, solution=None, choice=choice, reason=reason)
 
 
-def _continued(start: NewPatch, collar: Collar, before: Bend, lengths: EdgeLengths) -> NewPatch:
+def _continued(patched: PatchedMesh, start: NewPatch, collar: Collar, before: Bend, lengths: EdgeLengths) -> NewPatch:
     """The continuation from a patch. Raises as `continue_patch`, or a SurfaceError if nothing can move."""
     if len(start.patch.vertices) == len(start.rim):
         raise SurfaceError("it has no inner vertices; a shorter target_edge_length (--edge-length) makes some")
     faired = continue_patch(start.patch, collar, lengths)
+    faired = replace(faired, patch=patched.as_stored(faired.patch, start.rim))
     continuation = Continuation.of(
         faired,
         collar,
@@ -176,6 +177,7 @@ def without_thin_triangles(patched: PatchedMesh, new: NewPatch, lengths: EdgeLen
             region = np.isin(np.arange(len(new.patch.faces)), piece)
             try:
                 patch, numbers = remesh_region(new.patch, region, lengths, taken, enough)
+                patch = patched.as_stored(patch, new.rim)
                 chords = patch_chords(patch)
                 least = patch.angles.free[(numbers >= 0).sum() :].min()
                 if least <= new.patch.angles.free[piece].min() or patched.has_edges(new.rim[chords]).any():

@@ -32,7 +32,8 @@ def frozen(
         raise MeshShapeError(f"{wanted()}, but its rows have different lengths; give equal ones") from error
     if array.dtype.kind not in kinds and array.size:
         raise MeshShapeError(f"{wanted()}, got dtype {array.dtype}; convert it first")
-    copy: np.ndarray = np.array(array, dtype=dtype, order="C")
+    with np.errstate(invalid="ignore"):  # NaN of any kind is NaN
+        copy: np.ndarray = np.array(array, dtype=dtype, order="C")
     if copy.ndim == 1 and shape[1:] == (None,):
         copy = copy[:, None]
     if copy.size == 0 and shape[0] is None:

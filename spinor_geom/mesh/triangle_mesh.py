@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from types import MappingProxyType
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -17,6 +18,8 @@ from spinor_geom.mesh.topology import SHARE_OF_EDGE, longest_sides, near_vertice
 from spinor_geom.shown import Shown, shortened
 
 Within: TypeAlias = float | Literal["rounding"]  # a distance in mesh units, or `rounding_reach`
+# the positions of a patch's new vertices where the mesh is stored, from their own and the vertices of the patch's rim
+Stored: TypeAlias = Callable[[Float[np.ndarray, "n 3"], Int[np.ndarray, " m"]], Float[np.ndarray, "n 3"]]
 COLOR = "color"
 SMALLEST_EXTENT, LARGEST_EXTENT = 1e-70, 1e70  # fourth powers of lengths must neither overflow nor underflow
 
@@ -34,6 +37,8 @@ class TriangleMesh(Shown):
         vertex_attributes: (V, k) float64 values by name ("color", "normal", ...), in the source's own scale.
         labels: names of the attributes that are class labels, which must not be averaged, by default all integer
             attributes except colours.
+        stored: the positions that new vertices get in the object or file that the mesh is from, so that a patch is
+            tested as it is stored. By default they are rounded to the dtype of the given vertices, if it is a float.
 
     Raises:
         MeshShapeError: an array has the wrong shape or dtype.
@@ -45,6 +50,7 @@ class TriangleMesh(Shown):
     faces: Int[np.ndarray, "f 3"]
     vertex_attributes: Mapping[str, Float[np.ndarray, "v _"]]
     labels: frozenset[str]
+    stored: Stored
 
     def __repr__(self) -> str:
         attributes = f", attributes {', '.join(self.vertex_attributes)}" if self.vertex_attributes else ""
@@ -57,6 +63,7 @@ class TriangleMesh(Shown):
         *,
         vertex_attributes: Mapping[str, ArrayLike] | None = None,
         labels: Collection[str] | None = None,
+        stored: Stored | None = None,
     ) -> None:
         points = frozen(vertices, "real numbers", None, 3, name="vertices")
         corners = frozen(faces, "integers", None, 3, name="faces (triangles)")
@@ -67,6 +74,7 @@ class TriangleMesh(Shown):
             labels = [name for name, values in given.items() if name != COLOR and np.asarray(values).dtype.kind in "iu"]
         attributes = freeze_attributes(given, vertices=len(points))
         self.__dict__.update(vertices=points, faces=corners, vertex_attributes=attributes, labels=frozenset(labels))
+        self.__dict__["stored"] = stored or stored_as(getattr(vertices, "dtype", points.dtype))
 
     def merged(self, within: Within = 0.0) -> tuple[TriangleMesh, Int[np.ndarray, " v"]]:
         """The same surface with vertices of equal position merged.
@@ -86,8 +94,9 @@ class TriangleMesh(Shown):
         """
         kept, new_index = self.merge_map(within)
         attributes = {name: values[kept] for name, values in self.vertex_attributes.items()}
-        corners = new_index[self.faces]
-        return TriangleMesh(self.vertices[kept], corners, vertex_attributes=attributes, labels=self.labels), new_index
+        corners, labels, stored = new_index[self.faces], self.labels, self.stored
+        merged = TriangleMesh(self.vertices[kept], corners, vertex_attributes=attributes, labels=labels, stored=stored)
+        return merged, new_index
 
     def merge_map(self, within: Within = 0.0) -> tuple[Bool[np.ndarray, " v"], Int[np.ndarray, " v"]]:
         """Which vertices `merged` keeps, and the index of each old vertex among them."""
@@ -97,6 +106,18 @@ class TriangleMesh(Shown):
         representative = near_vertices(points, reach, self.faces)
         kept = representative == np.arange(len(representative))
         return kept, (np.cumsum(kept) - 1)[representative]
+
+
+def stored_as(dtype: np.dtype[Any]) -> Stored:
+    """Positions rounded to a floating type. Other types hold no positions: they are replaced by float64."""
+    return partial(_rounded, dtype if dtype.kind == "f" else np.dtype(np.float64))
+
+
+def _rounded(
+    dtype: np.dtype[Any], points: Float[np.ndarray, "n 3"], _: Int[np.ndarray, " m"]
+) -> Float[np.ndarray, "n 3"]:
+    with np.errstate(over="ignore", under="ignore"):
+        return points.astype(dtype).astype(np.float64)
 
 
 def rounding_reach(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> Float[np.ndarray, " v"]:
