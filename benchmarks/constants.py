@@ -78,7 +78,7 @@ def constants(pattern: str) -> Iterator[tuple[str, Any]]:
             module = importlib.import_module(found.name)
             for assignment in ast.parse(Path(str(module.__file__)).read_text(encoding="utf-8")).body:
                 for node in ast.walk(assignment) if isinstance(assignment, ast.Assign) else ():
-                    if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+                    if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store) and hasattr(module, node.id):
                         name = f"{found.name.removeprefix('spinor_geom.')}:{node.id}"
                         if fnmatchcase(name, pattern):
                             yield name, getattr(module, node.id)

@@ -24,7 +24,6 @@ from spinor_geom.domain.polygons import bound_domain
 _ASIDE = 1e-9  # distance of one-sided derivatives from a corner
 _SHARE = np.linspace(0, 1, 129) ** 4  # points per side, denser at its ends, so that steps along its image are even
 _DENSE = _SHARE / (_SHARE + _SHARE[::-1])
-_EACH = 4  # samples per piece in the test for crossings
 _SHORTEST = EPS**0.5  # shortest piece of the image per its length; parts of shorter ones may have no length
 
 
@@ -97,7 +96,7 @@ class Opening:
             vertices = power(vertices)
         vertices *= np.abs(np.diff(given.vertices)).sum() / np.abs(np.diff(vertices)).sum()
         boundary = SplineBoundary.through(vertices, given.corners)
-        if np.diff(boundary.parameters).min() < _SHORTEST or not bound_domain((sampled(boundary, _EACH),)):
+        if np.diff(boundary.parameters).min() < _SHORTEST or not bound_domain((sampled(boundary),)):
             return None
         return cls(boundary=boundary, before=parameters, powers=tuple(powers), given=given)
 

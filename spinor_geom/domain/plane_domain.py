@@ -25,6 +25,7 @@ from spinor_geom.mesh.interpolation import piecewise_cubic, reversed_pieces
 # Panel ends beside a corner, in edge lengths from it: they resolve the singularity to 2⁻¹⁶ of an edge. The distance of
 # each panel from the poles at the corner, relative to its length, is that of an edge from its poles.
 TOWARDS_CORNER = 0.25 ** np.arange(1, 9)
+PARTS = 4  # pieces of an edge of ∂Ω in tests for self-crossings, and where integration paths leave Ω
 Vertices = Complex[np.ndarray, " m"]
 LogScale = Float[np.ndarray, " m"]
 
@@ -167,7 +168,7 @@ class FourierBoundary:
 Boundary: TypeAlias = SplineBoundary | FourierBoundary
 
 
-def sampled(boundary: Boundary, each: int) -> Complex[np.ndarray, " n"]:
+def sampled(boundary: Boundary, each: int = PARTS) -> Complex[np.ndarray, " n"]:
     """Points along a boundary: `each` per piece, from its first vertex on, at equal steps of the parameter."""
     t = boundary.parameters
     return boundary.point((t[:-1, None] + np.diff(t)[:, None] * (np.arange(each) / each)).ravel())

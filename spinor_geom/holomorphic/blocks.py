@@ -5,11 +5,17 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Complex, Shaped
 
-from spinor_geom.arrays import Array, is_numpy, is_real, namespace, place_of
+from spinor_geom.arrays import Array, Place, is_numpy, is_real, namespace, place_of
 from spinor_geom.errors import DtypeError
 
 # temporary entries per block: on the CPU a block fits the cache, on other devices few large blocks save kernel launches
 _ENTRIES, _ENTRIES_ON_DEVICES = 1 << 17, 1 << 23
+
+
+def block_size(place: Place, width: int) -> int:
+    """Number of points whose temporary entries, `width` for each, are computed at once."""
+    entries = _ENTRIES if place.device is None or place.device.type == "cpu" else _ENTRIES_ON_DEVICES
+    return max(1, entries // max(1, width))
 
 
 def in_blocks(function: Callable[..., Array], *points: Complex[Array, "*pts"], width: int) -> Shaped[Array, "..."]:
@@ -17,9 +23,7 @@ def in_blocks(function: Callable[..., Array], *points: Complex[Array, "*pts"], w
 
     `width` is the number of temporary entries that the function needs per point.
     """
-    device = place_of(points[0]).device
-    entries = _ENTRIES if device is None or device.type == "cpu" else _ENTRIES_ON_DEVICES
-    flat, step = [z.reshape(-1) for z in points], max(1, entries // max(1, width))
+    flat, step = [z.reshape(-1) for z in points], block_size(place_of(points[0]), width)
     starts = range(0, max(1, len(flat[0])), step)
     parts = (function(*(z[start : start + step] for z in flat)) for start in starts)
     if len(starts) == 1:

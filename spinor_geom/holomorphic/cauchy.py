@@ -18,7 +18,8 @@ from spinor_geom.holomorphic.blocks import in_blocks, require_complex
 from spinor_geom.holomorphic.cauchy_sums import direct_sums
 from spinor_geom.holomorphic.interpolant import interpolated, interpolated_slope
 
-_FACTOR_SECONDS = 6e-10  # of `orthonormal_on`, per node and squared number of features
+# of a factorisation or a Gram matrix of features at nodes, per node and squared number of features
+FACTOR_SECONDS = 6e-10
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -83,7 +84,7 @@ class CauchyNetwork(ArrayModel):
         raw = raw_features(z, hessenberg, poles, scales)
         xp, at = namespace(z), place_of(z).put(np.array(branches, dtype=np.complex128))
         root = xp.sqrt(weight)[:, None] * sign_changing(z, at)[:, None]
-        require_time(_FACTOR_SECONDS * raw.shape[0] * raw.shape[1] ** 2)
+        require_time(FACTOR_SECONDS * raw.shape[0] * raw.shape[1] ** 2)
         # QR first: the SVD then works on a small square matrix
         _, s, vh = xp.linalg.svd(triangular_factor(raw * root), full_matrices=False)
         keep = s > 1e-8 * s[0]

@@ -12,7 +12,7 @@ from spinor_geom.arrays import shifted
 from spinor_geom.deadline import is_out_of_time, require_time
 from spinor_geom.discrete.area_descent import Disk
 from spinor_geom.errors import DomainError, FirstFillError, OutOfTimeError, SpinorGeomError, SurfaceError
-from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners
+from spinor_geom.mesh.boundary_loop import MIN_LOOP_WITH_CORNERS, BoundaryLoop, detect_corners
 from spinor_geom.mesh.curve import SAMPLES_PER_PIECE, BoundaryCurve
 from spinor_geom.plateau.annulus import RimDisks
 from spinor_geom.plateau.disk_search import ThinnedLoop, find_disks, lower_beside, replace_unstable
@@ -28,7 +28,7 @@ from spinor_geom.plateau.options import Options
 from spinor_geom.plateau.plane_route import PLANE, lie_in_plane
 from spinor_geom.plateau.problem import PlateauProblem, Route
 from spinor_geom.plateau.rims.rims_route import RimsSolver, obstacle
-from spinor_geom.plateau.roughness import FEW_POINTS, has_stray_corners, is_predicted, is_ragged, is_rough
+from spinor_geom.plateau.roughness import has_stray_corners, is_predicted, is_ragged, is_rough
 from spinor_geom.plateau.route_result import FAILURES, NoConnectedSurfaceError, RouteResult, typed_failures
 from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution
 from spinor_geom.plateau.steps import SPENT, Clock
@@ -105,7 +105,8 @@ def _shows_no_curve(loop: BoundaryLoop, curve: BoundaryCurve) -> bool:
         return True
     if curve.kind != "cubic":
         return False
-    return len(loop) <= FEW_POINTS or is_rough(loop, curve)
+    # a loop of so few points is a polygon
+    return len(loop) <= MIN_LOOP_WITH_CORNERS or is_rough(loop, curve)
 
 
 def _trained(problem: PlateauProblem) -> RouteResult:

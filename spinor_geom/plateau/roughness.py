@@ -3,17 +3,16 @@
 import numpy as np
 
 from spinor_geom.arrays import shifted
-from spinor_geom.mesh.boundary_loop import STRAIGHT, BoundaryLoop, have_predicted_sides, turning_angles
+from spinor_geom.mesh.boundary_loop import PREDICTED, STRAIGHT, BoundaryLoop, have_predicted_sides, turning_angles
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.interpolation import missed
 
-# A loop is rough if cubics through four neighbours miss its points by more than this share of an edge, as with noise of
-# 0.04 edges. They must also miss them by hardly less than lines through two neighbours do. Of 2,400 smooth curves of
-# 32 to 96 points with uneven spacing 19 are rough, all of at most 48 points.
-_MISSED, _HARDLY_LESS = 0.05, 0.75
+# A loop is rough if cubics through four neighbours miss its points by more than `PREDICTED` of an edge, as with noise
+# of 0.04 edges, and by more than this share of what lines through two neighbours do. Of 2,400 smooth curves of 32 to 96
+# points with uneven spacing 19 are rough, all of at most 48 points.
+_HARDLY_LESS = 0.75
 # Above this share of an edge no smooth curve was met over 14 rims of meshes that have no surface through their points.
 _RAGGED = 0.5
-FEW_POINTS = 8  # a loop of at most this many points is a polygon, not samples of a curve
 ROUGH_GRADIENT = 3e-2  # relative gradient to stop at on rough loops, as a share of the tolerance
 
 
@@ -42,7 +41,7 @@ def is_rough(loop: BoundaryLoop, curve: BoundaryCurve) -> bool:
 
 def is_predicted(loop: BoundaryLoop) -> bool:
     """Whether neighbours predict the points of a loop, so that they lie on a smooth curve."""
-    return roughness(loop) <= _MISSED or _mean_missed(loop, 2) <= _HARDLY_LESS * _mean_missed(loop, 1)
+    return roughness(loop) <= PREDICTED or _mean_missed(loop, 2) <= _HARDLY_LESS * _mean_missed(loop, 1)
 
 
 def is_ragged(loop: BoundaryLoop) -> bool:

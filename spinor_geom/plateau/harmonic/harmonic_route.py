@@ -29,7 +29,7 @@ from spinor_geom.plateau.harmonic.dirichlet import DirichletForm
 from spinor_geom.plateau.harmonic.douglas import HarmonicDisk, minimise_dirichlet_energies, resampled, slide_downhill
 from spinor_geom.plateau.harmonic.lift import WORTHWHILE, Lift, lifted_together
 from spinor_geom.plateau.harmonic.lifted_surface import domain_of, surface_of
-from spinor_geom.plateau.harmonic.smooth_domain import NodeDensity, resolved
+from spinor_geom.plateau.harmonic.smooth_domain import COARSE, NodeDensity, resolved
 from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.newton import MOST_STEPS, ROUNDING
 from spinor_geom.plateau.problem import PlateauProblem, Route, start_indices
@@ -51,8 +51,6 @@ MOST_FREE_POINTS, _MOST_PER_EDGE_OF_LONG = 1500, 64
 # Nodes of short loops on the disk, so that many loops fit in one batch. With half as many ellipses keep 4e-4 of an edge
 # instead of 3e-7.
 FEWEST_NODES = 256
-# Relative gradient at which coarse solves stop. Final solves on smooth loops stop at this times the tolerance.
-COARSE = 1e-4
 # Distance of a coarse surface over a smooth loop, in edges, beyond which a finer disk is flattened. Of 106 random loops
 # that have less, all but one converge on the first Ω. Of 31 that have more, 5 do, and 9 on the Ω of the finer disk.
 _FAR = 0.01
@@ -250,7 +248,7 @@ class HarmonicSolver:
 
     @property
     def fine_gradient(self) -> float:
-        """Relative gradient at which a slide along Γ stops."""
+        """Relative gradient at which a slide along Γ stops: a share of the tolerance."""
         if self.problem.options.is_series:
             return ROUNDING
         share = ROUGH_GRADIENT if self.is_rough else COARSE

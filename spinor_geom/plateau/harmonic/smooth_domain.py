@@ -15,7 +15,7 @@ from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.harmonic.dirichlet import DirichletForm
 
 _OVERSAMPLING = 4  # samples per point or coefficient of a curve. With 2 rough curves take a third longer
-_RESOLVED = 1e-4  # largest error of Λ. With 1e-6 solves take 1.6 times as long
+COARSE = 1e-4  # relative accuracy of Λ, and thus of coarse slides. With 1e-6 solves take 1.6 times as long
 # Parts of a curve face each other if the arc between them is longer than this multiple of their distance. With 1
 # domains of long ellipses count as too narrow, with 4 a rim cut along triangles is met five times less closely.
 _FACING = 2.0
@@ -162,7 +162,7 @@ def resolved_form(boundary: FourierBoundary, n: int, place: Place, *, most: int 
     # cheap tests first: Λ costs O(n³), and is not resolved where facing parts are within two steps
     require_time()
     form = DirichletForm.of(boundary, n, place) if _is_wide(polygon) and is_simple(polygon) else None
-    if form is None or not form.error <= _RESOLVED:
+    if form is None or not form.error <= COARSE:
         raise DomainError(
             f"the plane domain crosses itself, or has a place that is too narrow for {n} steps around it",
             vertices=len(boundary.vertices),

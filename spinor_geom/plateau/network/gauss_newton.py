@@ -25,6 +25,7 @@ from spinor_geom.arrays import (
     zeros,
 )
 from spinor_geom.deadline import require_time
+from spinor_geom.holomorphic.cauchy import FACTOR_SECONDS
 from spinor_geom.plateau.curve_tensors import normals_of
 from spinor_geom.plateau.network.network_problem import NetworkProblem
 from spinor_geom.plateau.steps import STALLED, Steps
@@ -32,8 +33,6 @@ from spinor_geom.plateau.steps import STALLED, Steps
 # Damping of the first step, over the mean diagonal entry of the normal equations. With 1 fits take a sixth more steps,
 # and one in ten rough ones ends farther from Γ.
 _FIRST_DAMPING = 1e-2
-# Of the linearised residual, per node and squared number of features.
-_LINEAR_SECONDS = 8e-10
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -135,7 +134,7 @@ class _Linear:
 
     @classmethod
     def at(cls, problem: NetworkProblem, state: Fit) -> _Linear:
-        require_time(_LINEAR_SECONDS * problem.features.shape[0] * problem.features.shape[1] ** 2)
+        require_time(FACTOR_SECONDS * problem.features.shape[0] * problem.features.shape[1] ** 2)
         xp = namespace(problem.arc_weights)
         root = xp.sqrt(problem.arc_weights)[:, None]
         p, q = (problem.features @ state.readout).mT

@@ -22,7 +22,7 @@ from spinor_geom.discrete.minimal_surface import finer_disk, first_disk
 from spinor_geom.discrete.strip import discrete_annulus, runs_backward
 from spinor_geom.domain.flattening import flatten
 from spinor_geom.domain.opening import Opening
-from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary, panel_breaks, sampled
+from spinor_geom.domain.plane_domain import PARTS, PlaneDomain, SplineBoundary, panel_breaks, sampled
 from spinor_geom.domain.quadrature import Panels
 from spinor_geom.errors import DomainError, OutOfTimeError, SingularMatrixError
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
@@ -51,7 +51,6 @@ PARTS_OF_A_SIDE = 8
 # Distance of a first fit from Γ, in edges, from which it is not refined: of 20 random loops the 5 beyond it stay beyond
 # a tenth of an edge. Those within come to 0.02 and less.
 _LOST = 0.2
-_PARTS = 4  # pieces per edge of ∂Ω in the test for self-crossings, and where integration paths leave Ω
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -216,7 +215,7 @@ class NetworkSolver:
                 start.faces,
                 sum(self._sizes),
                 holes=self._sizes[1:],
-                drawn=lambda rims: tuple(sampled(boundary, each=_PARTS) for boundary in boundaries(rims)),
+                drawn=lambda rims: tuple(map(sampled, boundaries(rims))),
             )
             given = boundaries(flat.rims)
             opening = Opening.of(given[0], sides[0].angles) if opened else None
@@ -396,7 +395,7 @@ def fitted_surface(fitted: Fitted, *, allowed: float) -> tuple[ArraySurface, flo
     some = xp.arange(stage.panels.order // 2, len(stage.panels.t), stage.panels.order)
     weight = stage.problem.arc_weights.reshape(-1, stage.panels.order).sum(1)
     # at notches, edges of the polygon can be outside Ω and close to poles. A finer polygon avoids this
-    for parts in (1, _PARTS):
+    for parts in (1, PARTS):
         domain = stage.domain if parts == 1 else stage.domain.divided(parts)
         order = PATH_ORDER * fitted.rounds
         if domain.holes:

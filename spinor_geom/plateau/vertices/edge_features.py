@@ -14,14 +14,14 @@ from jaxtyping import Complex, Float, Int
 
 from spinor_geom.arrays import Array, Place, add_at, gram, namespace, place_of, shifted, to_numpy, zeros
 from spinor_geom.domain.quadrature import rule
+from spinor_geom.holomorphic.blocks import block_size
 from spinor_geom.holomorphic.cauchy import cauchy_units
 
-# Nodes on each edge for units with poles at least _FAR edge lengths from its middle. Periods around holes are then
-# exact to 1e-9. With 6 nodes to 1e-8. With 4 nodes three of sixty rims cut along triangles keep 1e-3 of an edge.
-_FEW, _FAR = 7, 3.0
+# Units with poles at least this many edge lengths from the middle of an edge are computed at half of the nodes. With 7
+# of 14 periods around holes are exact to 1e-9. With 4 three of sixty rims cut along triangles keep 1e-3 of an edge.
+_FAR = 3.0
 # Rows of R that include units with distant poles: mean and slope. With one row two of these rims keep 1e-2 of an edge.
 _LONG_RANGE = 2
-_MOST_PRODUCTS = 2**22  # of two features on one edge, computed at once
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -45,8 +45,8 @@ class EdgeFeatures:
     ) -> EdgeFeatures:
         """The features at Gauss-Legendre nodes on the edges of a polygon, from the polynomials there."""
         place, xp, nodes = place_of(polygon), namespace(polygon), polynomials.shape[1]
-        between, z = _interpolation(_FEW, nodes, place) + 0j, nodes_on_edges(polygon, nodes)
-        few = cauchy_units(nodes_on_edges(polygon, _FEW), poles, scales)
+        between, z = _interpolation(nodes // 2, nodes, place) + 0j, nodes_on_edges(polygon, nodes)
+        few = cauchy_units(nodes_on_edges(polygon, nodes // 2), poles, scales)
         index = place.put(_near(to_numpy(polygon), to_numpy(poles)))
         units = scales[index][:, None] / (z[..., None] - poles[index][:, None])
         near = units - between @ xp.take_along_axis(few, index[:, None], axis=2)
@@ -110,7 +110,7 @@ class EdgeFeatures:
         index = xp.where((index >= 0) & (index < size), index, size)
         total = zeros(((size + 1) ** 2,), matrix)
         every = xp.concat([polynomials, units], axis=2)
-        edges = 1 + _MOST_PRODUCTS // (units.shape[2] * every.shape[2])
+        edges = block_size(place_of(shares), units.shape[2] * every.shape[2])
         for start in range(0, len(shares), edges):
             some = slice(start, start + edges)
             places = index[some, degrees:, None] * (size + 1) + index[some, None]
