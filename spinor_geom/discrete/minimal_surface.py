@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 DiscreteMethod = Literal["libigl", "pymeshlab"]
 FINE_CHANGE = 1e-8
-_FINE_GROWTH = 0.15
+FINE_GROWTH = 0.15
 _MOST_STRETCHED = 4.0  # times the mean stretch from the plane. A larger one does not refine the mesh further
 _REMESHING_STEPS = 5
 _STEPS = 10  # of a descent, each with a factorisation. Most descents take fewer
@@ -307,7 +307,7 @@ def finer_disk(disk: Disk, boundary_size: int) -> Disk:
         require_time()
         flat = flatten(disk.vertices, disk.faces, boundary_size).boundary
         require_time()
-        plane = triangulate_polygon(flat, SizeField(growth=_FINE_GROWTH))
+        plane = triangulate_polygon(flat, SizeField(growth=FINE_GROWTH))
         disk = descend_from_plane(plane, points, relative_change=FINE_CHANGE)
     return disk
 

@@ -20,7 +20,7 @@ from scipy.interpolate import LinearNDInterpolator
 from spinor_geom.arrays import EPS
 from spinor_geom.deadline import is_out_of_time, require_time
 from spinor_geom.discrete.area_descent import Disk, descend_area, harmonic_extension
-from spinor_geom.discrete.minimal_surface import FINE_CHANGE, first_disk
+from spinor_geom.discrete.minimal_surface import FINE_CHANGE, FINE_GROWTH, first_disk
 from spinor_geom.domain.delaunay import plane_coordinates
 from spinor_geom.domain.sizes import SizeField
 from spinor_geom.domain.triangulation import PlaneTriangulation, triangulate_polygon
@@ -33,12 +33,10 @@ from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.plateau.stability import AMPLITUDES, lowest_modes
 from spinor_geom.plateau.steps import Steps
 
-_GROWTH = 0.1  # growth of triangles inwards. In coarser meshes the area may not decrease although the surface's does
 # RMS difference of the normals along Γ, in radians, below which disks of equal area are the same: a minimal surface is
 # determined by its normal along a curve. The mirror images over the tennis seam a = 0.76 differ by 0.18, two solutions
 # for the same disk by 3e-4.
 _SAME_NORMAL = 0.1
-_MOST_STARTS = 24  # largest number of starts, and of unstable disks in a row. Three disks take 5 starts
 
 # A solver: the solution from a discrete disk over the loop. It raises one of `FAILURES` if there is none.
 Solve: TypeAlias = Callable[[Disk], PlateauSolution]
@@ -71,7 +69,7 @@ class ThinnedLoop:
         length = self._edges.sum()
         along = np.append(0.0, np.cumsum(self._edges)[:-1]) / length
         circle = length / (2 * np.pi) * np.exp(2j * np.pi * along)
-        return triangulate_polygon(circle, SizeField(growth=_GROWTH))
+        return triangulate_polygon(circle, SizeField(growth=FINE_GROWTH))
 
     def round_disk(self) -> Disk:
         """The harmonic disk over the round mesh, which has the symmetries of the loop."""
@@ -87,7 +85,7 @@ class ThinnedLoop:
     def domain_mesh(self, solution: PlateauSolution) -> PlaneTriangulation:
         """A mesh of a solution's Ω whose boundary vertices are the rim's points."""
         polygon = solution.loop_points_in_domain()[self.indices]
-        return triangulate_polygon(polygon, SizeField(growth=_GROWTH))
+        return triangulate_polygon(polygon, SizeField(growth=FINE_GROWTH))
 
     def positions(self, solution: PlateauSolution, mesh: PlaneTriangulation) -> Float[np.ndarray, "n 3"]:
         """A solution's positions at the vertices of a mesh of its Ω, with those of the rim at the boundary."""
@@ -121,11 +119,10 @@ def replace_unstable(
         require_time()
         while solution.stability.verdict == "unstable":
             better = None
-            if len(replaced) < _MOST_STARTS:
-                try:
-                    better = lower(solution)
-                except OutOfTimeError:
-                    where = "within the time limit"
+            try:
+                better = lower(solution)
+            except OutOfTimeError:
+                where = "within the time limit"
             if better is None:
                 end = f"; the surface is unstable, and no better one was found {where}"
                 break
@@ -220,12 +217,10 @@ class _Search:
     entries: list[_Entry] = field(default_factory=list)
     poor: list[PlateauSolution] = field(default_factory=list)
     errors: list[SpinorGeomError] = field(default_factory=list)
-    starts: int = 0
 
     def start(self, make_disk: Callable[[], Disk]) -> PlateauSolution | None:
         """Solves from a start and keeps a new converged solution, or None if there is no solution."""
-        self.starts += 1
-        if self.starts > _MOST_STARTS or is_out_of_time():
+        if is_out_of_time():
             return None
         try:
             solution = self.solve(make_disk())
@@ -275,7 +270,7 @@ class _Search:
             minima = [entry for entry in self.entries if entry.solution.stability.index == 0]
             stable = sorted(minima, key=lambda entry: entry.solution.area)
             pairs = [pair for pair in combinations(stable, 2) if (id(pair[0]), id(pair[1])) not in used]
-            if not pairs or self.starts >= _MOST_STARTS:
+            if not pairs:
                 return
             used.add((id(pairs[0][0]), id(pairs[0][1])))
             yield pairs[0]
