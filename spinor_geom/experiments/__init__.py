@@ -2,9 +2,8 @@
 
 NAMES = {
     **dict.fromkeys(("twisted-circle", "tennis-seam"), "forms"),
-    "prescribed": "trainings",
     **dict.fromkeys(("heat-maps", "mean-curvature", "catenoid"), "integration"),
-    **dict.fromkeys(("tangents", "timing"), "trainings"),
+    **dict.fromkeys(("prescribed", "tangents"), "trainings"),
     "branch-points": "forms",
 }
 """The module of this package that defines each experiment."""

@@ -33,9 +33,11 @@ def log_log(
     x: str,
     y: str,
     slopes: Mapping[str, int] | None = None,
-    linear_x: bool = False,
 ) -> Figure:
-    """Lines (x, y) by label on logarithmic axes. `slopes` adds lines of given slope through their first points."""
+    """Lines (x, y) by label over a logarithmic y axis.
+
+    With `slopes` x is logarithmic too, and there are lines of given slope through the first points of some lines.
+    """
     figure = Figure(figsize=(7, 4.5), layout="constrained")
     axes = figure.add_subplot()
     for label, (at, value) in lines.items():
@@ -44,9 +46,8 @@ def log_log(
         at, value = (np.asarray(v, dtype=np.float64) for v in lines[label])
         axes.plot(at, value[0] * (at / at[0]) ** slope, f"k{style}", linewidth=1, label=f"slope {slope}")
     axes.set_yscale("log")
-    if not linear_x:
-        axes.set_xscale("log")
     if slopes:
+        axes.set_xscale("log")
         ticks = np.atleast_1d(next(iter(lines.values()))[0])
         axes.set_xticks(ticks, labels=[f"{tick:g}" for tick in ticks])
         axes.minorticks_off()

@@ -1,33 +1,18 @@
-"""The paper's four surfaces: twisted circle, tennis seam, random networks, perturbed series; distances from curves."""
+"""The paper's four surfaces: twisted circle, tennis seam, random networks, perturbed series."""
 
 import math
 
 import numpy as np
 
-from spinor_geom.arrays import NUMPY
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.gallery import KnownCurve, tennis_seam, twisted_circle
 from spinor_geom.gallery.curves import trigonometric
 from spinor_geom.holomorphic.mlp import ComplexMLP
 from spinor_geom.holomorphic.series import PowerSeries
-from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau import solve_plateau
-from spinor_geom.plateau.curve_tensors import CurveTensors
-from spinor_geom.plateau.misfit import Misfit
-from spinor_geom.surface.array_surface import ArraySurface
 from spinor_geom.surface.spinor_surface import SpinorSurface
 from spinor_geom.torch_extra import torch
 from spinor_geom.training import LevenbergMarquardt, RMSprop, Trained, train_by_levenberg_marquardt
-
-_MEASURED = 1024  # points of ∂Ω whose distance from Γ is measured
-
-
-def boundary_distance(surface: ArraySurface, curve: BoundaryCurve) -> float:
-    """The larger of the largest distances of the boundary from Γ and of Γ from the boundary."""
-    r = surface.position(surface.domain.boundary.point(np.arange(_MEASURED) / _MEASURED))
-    slide = np.unwrap(curve.nearest(r), period=1.0)
-    return Misfit.of(r, slide, CurveTensors.of(curve, NUMPY)).max
-
 
 _ORDER, _PERTURBATION = 10, 0.1  # of Taylor expansions, and of their coefficients, relative to the largest
 _SEED = 5

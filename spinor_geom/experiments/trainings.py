@@ -1,8 +1,7 @@
-"""The paper's training: with and without its tangent term, its time, and on prescribed surfaces."""
+"""The paper's training: with and without its tangent term, and on prescribed surfaces."""
 
 import math
-import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeAlias
 
@@ -14,22 +13,19 @@ from scipy.optimize import least_squares
 from spinor_geom.experiments.experiment import Experiment, Outcome
 from spinor_geom.experiments.figures import HolomorphicFunction, log_log, over_disk, phases, surfaces
 from spinor_geom.experiments.paper_surfaces import (
-    boundary_distance,
     boundary_of,
     perturbed_series,
     random_networks,
     solved_by_network,
 )
-from spinor_geom.gallery import KnownCurve, tennis_seam, twisted_circle
+from spinor_geom.gallery import twisted_circle
 from spinor_geom.mesh.boundary_loop import diagonals
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau import solve_plateau
 from spinor_geom.surface.spinor_surface import SpinorSurface
 from spinor_geom.training import LevenbergMarquardt, RMSprop, train_by_rmsprop
 
-PAPER, OURS, CAUCHY, DOUGLAS = "RMSprop", "Levenberg-Marquardt", "Cauchy network", "Douglas-Newton"
-CURVES: dict[str, Callable[[], KnownCurve]] = {"twisted circle": twisted_circle, "tennis seam": tennis_seam}
-_DISTANCE = "largest distance from Γ / diagonal"
+PAPER, OURS, DOUGLAS = "RMSprop", "Levenberg-Marquardt", "Douglas-Newton"
 # largest errors of recovered positions, in diagonals, and of p and q, relative to their largest modulus
 _NEAR, _ALIKE = 1e-6, 1e-5
 Points: TypeAlias = Complex[np.ndarray, " n"]
@@ -58,56 +54,9 @@ def tangents(*, weights: Sequence[float], epochs: Sequence[int], rmsprop: RMSpro
         verdict=f"The largest distance from the curve after {epochs[-1]} epochs, in diagonals, is {found}.",
         pictures={
             "tangents-surfaces": surfaces(drawn, curves=dict.fromkeys(drawn, curve.point), across=len(epochs)),
-            "tangents-errors": log_log(lines, x="epoch", y=_DISTANCE, linear_x=True),
+            "tangents-errors": log_log(lines, x="epoch", y="largest distance from Γ / diagonal"),
         },
     )
-
-
-def timing(*, curves: Sequence[str], rmsprop: RMSprop, tolerances: Sequence[float], depth: int) -> Outcome:
-    """Measures the distance from Γ, in diagonals, against wall-clock time for every method and curve."""
-    rows: list[dict[str, Any]] = []
-    pictures, verdicts, reproduced = {}, [], True
-    solve_plateau(twisted_circle(), model="series")  # warm-up: imports and compilation
-    for name in curves:
-        points = _time_and_distance(CURVES[name](), rmsprop, tolerances, depth)
-        seconds, error = points[PAPER][-1]
-        for method, measured in points.items():
-            shown = measured[-1:] if method == PAPER else measured
-            rows += [{"curve": name, "method": method, "seconds": s, "distance/diagonal": e} for s, e in shown]
-        best = {method: min(points[method], key=lambda point: point[1]) for method in (OURS, CAUCHY, DOUGLAS)}
-        behind = [method for method, (s, e) in best.items() if s >= seconds or e >= error]
-        reproduced &= not behind
-        verdicts.append(
-            f"{name}: after {len(points[PAPER])} epochs and {seconds:.1f} s RMSprop is {error:.1e} of the diagonal "
-            "from the curve; a smaller distance in less time is reached by "
-            f"{'all our methods' if not behind else 'our methods except ' + ' and '.join(behind)}."
-        )
-        lines = {method: ([s for s, _ in measured], [e for _, e in measured]) for method, measured in points.items()}
-        pictures[f"timing-{name.replace(' ', '-')}"] = log_log(lines, x="seconds", y=_DISTANCE)
-    return Outcome(rows=rows, reproduced=reproduced, verdict=" ".join(verdicts), pictures=pictures)
-
-
-def _time_and_distance(
-    curve: KnownCurve, rmsprop: RMSprop, tolerances: Sequence[float], depth: int
-) -> dict[str, list[tuple[float, float]]]:
-    """Seconds and largest distance from Γ, in diagonals, of every epoch of RMSprop and of solves by our methods."""
-    gamma = BoundaryCurve.from_formula(curve)
-    diagonal = float(diagonals(gamma.coefficients[-1]))
-    edges = diagonal / float(np.linalg.norm(np.diff(gamma.coefficients[-1], axis=0), axis=1).mean())
-
-    def timed(**options: Any) -> tuple[float, float]:
-        begin = time.perf_counter()
-        surface = solve_plateau(curve, **options).surface
-        seconds = time.perf_counter() - begin
-        return seconds, boundary_distance(surface, gamma) / diagonal
-
-    trained = train_by_rmsprop(curve, options=rmsprop)
-    return {
-        PAPER: [(step.seconds, (step.boundary_error or np.nan) / diagonal) for step in trained.history],
-        OURS: [timed(model="mlp", optimizer=LevenbergMarquardt(depth=depth, tolerance=t)) for t in tolerances],
-        CAUCHY: [timed(model="cauchy", tolerance=t * edges) for t in tolerances],
-        DOUGLAS: [timed(model="series")],
-    }
 
 
 def prescribed(*, depth: int, network: LevenbergMarquardt, random: RMSprop, perturbed: RMSprop) -> Outcome:
@@ -246,25 +195,5 @@ EXPERIMENTS = {
         measure=tangents,
         full={"weights": (0.0, 0.5), "epochs": (0, 2, 4, 6, 8, 10), "rmsprop": RMSprop()},
         quick={"rmsprop.order": 25},
-    ),
-    "timing": Experiment(
-        title="boundary error against wall-clock time",
-        paper="RMSprop (Algorithm 1), networks of 10 layers of 20 units, 800 epochs; the paper has no times.",
-        here="The paper's training with its own settings; a network of 3 layers of 20 units by Levenberg-Marquardt, a "
-        "Cauchy network, and Douglas-Newton, on one thread. Every point of our methods is a separate solve. Reproduced "
-        "if each of our methods reaches a smaller distance in less time.",
-        measure=timing,
-        full={
-            "curves": ("twisted circle", "tennis seam"),
-            "rmsprop": RMSprop(),
-            "tolerances": (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7),
-            "depth": 3,
-        },
-        quick={
-            "curves": ("twisted circle",),
-            "rmsprop.epochs": 20,
-            "rmsprop.order": 25,
-            "tolerances": (1e-2, 1e-4, 1e-6),
-        },
     ),
 }

@@ -20,17 +20,14 @@ from spinor_geom.domain import PlaneDomain
 from spinor_geom.errors import OptionError
 from spinor_geom.experiments import NAMES, figures, forms, integration, paper_surfaces, trainings
 from spinor_geom.experiments.experiment import Outcome, experiment, reproduce
-from spinor_geom.experiments.trainings import DOUGLAS, OURS, PAPER
 from spinor_geom.holomorphic.series import PowerSeries
 from spinor_geom.render.portrait import Portrait
 from spinor_geom.render.scene import Dots
 from spinor_geom.surface.spinor_surface import SpinorSurface
-from spinor_geom.training import LevenbergMarquardt, RMSprop
+from spinor_geom.training import LevenbergMarquardt
 
 pytestmark = pytest.mark.usefixtures("drawn_by_one_process")
 TINY_NETWORK = LevenbergMarquardt(depth=2, width=10, tolerance=1e-3)
-# steps too small to move anything, and steps that bring a small network near to its curve
-TINY_RMSPROP = RMSprop(depth=2, width=5, points=64, batch=32, epochs=3, order=8)
 
 
 @pytest.fixture
@@ -74,26 +71,6 @@ def test_prescribed_boundaries_have_their_own_derivatives():
         for f, df in ((curve.point, curve.derivative), (curve.derivative, curve.second_derivative)):
             slope = (f(t + h) - f(t - h)) / (2 * h)
             assert np.allclose(slope, df(t), atol=1e-6 * np.abs(slope).max())
-
-
-@pytest.mark.slow
-def test_ours_are_nearer_and_faster_than_the_paper_s_training(tmp_path):
-    outcome = trainings.timing(curves=("twisted circle",), rmsprop=TINY_RMSPROP, tolerances=(1e-3,), depth=2)
-    methods = {trainings.PAPER, trainings.OURS, trainings.CAUCHY, trainings.DOUGLAS}
-    assert {row["method"] for row in outcome.rows} == methods
-    distances = {row["method"]: row["distance/diagonal"] for row in outcome.rows}
-    assert distances[DOUGLAS] < 1e-13
-    assert distances[OURS] < 1.1e-3
-    assert distances[PAPER] > 1e-2
-    assert "after 3 epochs" in outcome.verdict
-
-
-def test_areas_name_disks():
-    for a, area, disk in (
-        *((0.8, 4.365, "stable"), (0.8, 4.38, "none")),
-        *((0.75, 4.6650, "stable"), (0.75, 4.6697, "unstable"), (0.75, 4.667, "none")),
-    ):
-        assert forms.which_disk(area, gallery.tennis_seam(a).disks) == disk
 
 
 @pytest.mark.usefixtures("undrawn")
