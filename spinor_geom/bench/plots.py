@@ -19,7 +19,7 @@ from spinor_geom.bench.cases import REFERENCE_CASE, known_kind
 from spinor_geom.bench.fillers import LOOP_METHODS
 from spinor_geom.bench.machine import Record
 from spinor_geom.bench.promises import is_whole, names
-from spinor_geom.render.page import Table, cell, picture
+from spinor_geom.render.page import Table, cell, folded, picture
 
 _SAMPLINGS = {"": "equal steps of the parameter", "even": "equal edges", "uneven": "edges of random lengths"}
 _LIMIT = "limit of the points"
@@ -50,8 +50,7 @@ class Plot:
     def html(self) -> str:
         """The plot as a part of a page, with its data folded."""
         title, note = html.escape(self.title), html.escape(self.note.replace("`", ""))
-        data = f"<details><summary>Data</summary>{self.data.html()}</details>"
-        return f"<h3>{title}</h3><p>{note}</p>{picture(self.png(), self.title)}{data}"
+        return f"<h3>{title}</h3><p>{note}</p>{picture(self.png(), self.title)}{folded('Data', self.data.html())}"
 
     def markdown(self, folder: str) -> str:
         """The same in Markdown, with the figure in a file of a folder."""

@@ -19,7 +19,7 @@ from spinor_geom.bench.plots import plots
 from spinor_geom.bench.promises import Promise, bend_ratios, crossings, is_whole, names, promises
 from spinor_geom.bench.runner import METHODS, VIEWS, Run
 from spinor_geom.files import together, write_text
-from spinor_geom.render.page import Table, Views, document
+from spinor_geom.render.page import Table, Views, document, folded
 from spinor_geom.render.scene import Faces, Scale, Scene
 
 PAGE, CSV = "report.html", "records.csv"
@@ -67,7 +67,7 @@ def page_text(run: Run) -> str:
         "<h2>Tables</h2><p>A row in red leaves edges open without reporting it. "
         f"The figures of each measurement are in {CSV}.</p>",
         *(table.html() for table in (*others, option_table())),
-        f"<h2>Promises</h2><details><summary>{html.escape(promised.note)}</summary>{promised.html()}</details>",
+        f"<h2>Promises</h2>{folded(promised.note, promised.html())}",
         *([views.script()] if figures else []),
     ]
     return document("spinor-geom bench", body)

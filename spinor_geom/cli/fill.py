@@ -29,8 +29,6 @@ if TYPE_CHECKING:
 
 # columns to leave out on a narrow terminal, in this order
 _OPTIONAL = ("stability", "perimeter", "seconds", "residual", "points")
-# text and style of a loop without a patch, by whether it was requested
-_OPEN = {True: ("open", "red"), False: ("left open", "dim")}
 # Loops. Of more, only warnings are listed on standard error, those that are alike in one line.
 _MOST_LISTED = 20
 _MOST_INDICES = 5  # of loops with the same warning that are listed
@@ -156,11 +154,7 @@ def _show_result(result: FillResult, *, quiet: bool) -> None:
             complain(note)
         else:
             show_lines(note, piped=not result.loops)
-    filled = sum(outcome.filled for outcome in result.loops)
-    summary = (
-        f"{filled} of {len(result.loops)} loops filled, {len(result.extension.faces)} faces added, "
-        f"{'watertight' if result.watertight else 'not watertight'}, {result.timings['total']:.1f} s"
-    )
+    summary = f"{result.summary}, {result.timings['total']:.1f} s"
     show_lines(summary, piped=False)
     is_told = not quiet and not sys.stdout.isatty()
     if len(result.loops) > _MOST_LISTED:
@@ -222,7 +216,6 @@ def _row(outcome: LoopOutcome) -> dict[str, str | Text]:
 
 def _kind(outcome: LoopOutcome) -> Text:
     """The kind of a patch: green if converged, yellow if not or for a border, red for a requested loop left open."""
-    if not outcome.filled:
-        return Text("border", style="yellow") if outcome.is_border else Text(*_OPEN[outcome.requested])
-    kind = str(outcome.kind) if outcome.joined_to is None else f"joined to {outcome.joined_to}"
-    return Text(kind, style="green" if outcome.converged else "yellow")
+    text = f"joined to {outcome.joined_to}" if outcome.filled and outcome.joined_to is not None else outcome.state
+    style = {"open": "red", "left open": "dim"}.get(text, "green" if outcome.converged else "yellow")
+    return Text(text, style=style)

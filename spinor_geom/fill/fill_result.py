@@ -86,9 +86,9 @@ class LoopOutcome:
         area = "" if self.area is None else f", area {self.area:.6g}"
         found = f"{self.intersections} intersections" if self.is_searched else "not searched for intersections"
         crossings = "" if self.intersection_free else f", {found}"
-        state = self.kind or ("border" if self.is_border else "open")
         reason = f": {self.reason}" if self.reason else ""
-        return shortened(f"LoopOutcome(loop {self.index}, {len(self.loop)} points, {state}{area}{crossings}{reason})")
+        name = f"loop {self.index}, {len(self.loop)} points, {self.state}"
+        return shortened(f"LoopOutcome({name}{area}{crossings}{reason})")
 
     @property
     def kind(self) -> Literal["minimal", "discrete", "smooth"] | None:
@@ -98,6 +98,11 @@ class LoopOutcome:
         if self.continuation is not None:
             return "smooth"
         return "discrete" if self.solution is None else "minimal"
+
+    @property
+    def state(self) -> str:
+        """The kind of its patch, or "border", "open" if no patch was possible, or "left open" if none was requested."""
+        return self.kind or ("border" if self.is_border else "open" if self.requested else "left open")
 
     @property
     def face_range(self) -> tuple[int, int] | None:
@@ -251,9 +256,10 @@ class FillResult(Shown):
         """The figures of the whole mesh."""
         filled, count = sum(outcome.filled for outcome in self.loops), len(self.loops)
         watertight = "watertight" if self.watertight else "not watertight"
-        found = any(outcome.intersections for outcome in self.loops)
-        unless_found = "no intersections" if self.intersection_free else "not searched for all intersections"
-        intersections = "with intersections" if found else unless_found
+        pairs, is_searched = (sum(getattr(o, name) for o in self.loops) for name in ("intersections", "is_searched"))
+        intersections = "no intersections" if is_searched == count else "not searched for all intersections"
+        if pairs:
+            intersections = f"{'' if is_searched == count else 'at least '}{pairs} intersecting pairs of faces"
         added = f"{len(self.extension.faces)} faces added"
         return f"{filled} of {count} loops filled, {added}, {watertight}, {intersections}"
 

@@ -139,9 +139,9 @@ def beside(figure: str, *parts: str) -> str:
     return f'<div class="beside">{figure}<div>{"".join(parts)}</div></div>'
 
 
-def folded(title: str, *parts: str) -> str:
+def folded(title: str, *parts: str, is_open: bool = False) -> str:
     """Pieces of HTML below a title that opens and closes them."""
-    return f"<details><summary>{html.escape(title)}</summary>{''.join(parts)}</details>"
+    return f"<details{' open' * is_open}><summary>{html.escape(title)}</summary>{''.join(parts)}</details>"
 
 
 def cell(value: Any, digits: int = 4) -> str:

@@ -191,30 +191,19 @@ def _how(result: FillResult) -> str:
 
 
 def _summary(result: FillResult) -> str:
-    count, filled = len(result.loops), sum(outcome.filled for outcome in result.loops)
-    if not count:
+    if not result.loops:
         return "The mesh has no boundary loops: nothing to fill."
-    pairs = sum(outcome.intersections for outcome in result.loops)
-    is_searched = all(outcome.is_searched for outcome in result.loops)
-    intersections = f"the patches have {'' if is_searched else 'at least '}{pairs} intersecting pairs of faces"
-    if not pairs:
-        intersections = f"no patch{'' if is_searched else ' that was searched'} intersects anything"
-    return (
-        f"{filled} of {count} loops filled; {len(result.original.vertices)} vertices and {len(result.original.faces)} "
-        f"triangles before, {len(result.extension.vertices)} and {len(result.extension.faces)} added. The filled mesh "
-        f"is {'watertight' if result.watertight else 'not watertight'}; {intersections}. "
-        f"{result.timings['total']:.2g} s. {' '.join(f'{note}.' for note in result.notes)}"
-    )
+    before = f"{len(result.original.vertices)} vertices and {len(result.original.faces)} triangles before"
+    figures = f"{result.summary}, {before}, {result.timings['total']:.2g} s"
+    return " ".join(f"{sentence}." for sentence in (figures, *result.notes))
 
 
 def _remarks(remarks: Sequence[str]) -> list[str]:
     if not remarks:
         return []
     lines = "".join(f"<li>{html.escape(line[0].upper() + line[1:])}</li>" for line in remarks)
-    return [
-        f'<details class="remarks"{" open" * (len(remarks) <= _MOST_REMARKS)}><summary>Remarks: {len(remarks)}'
-        f"</summary><ul>{lines}</ul></details>"
-    ]
+    listed = folded(f"Remarks: {len(remarks)}", f"<ul>{lines}</ul>", is_open=len(remarks) <= _MOST_REMARKS)
+    return [f'<div class="remarks">{listed}</div>']
 
 
 def _scenes(
@@ -269,10 +258,9 @@ def _short_table(outcomes: Sequence[LoopOutcome]) -> str:
     """A list of the loops, whose rows select them in the view."""
     rows = []
     for outcome in outcomes:
-        how = outcome.kind or ("border" if outcome.is_border else "no" if outcome.requested else "left open")
         loop, centre = outcome.loop, " ".join(f"{x:.4g}" for x in outcome.loop.centroid.tolist())
         figures = [str(len(loop)), f"{loop.perimeter:.5g}", f"{loop.diagonal:.4g}", cell(outcome.area), centre]
-        rows.append([str(outcome.index), how, *figures, outcome.reason])
+        rows.append([str(outcome.index), outcome.state, *figures, outcome.reason])
     bad = [k for k, outcome in enumerate(outcomes) if outcome.requested and not outcome.converged]
     return table(_FILLED, rows, marked=bad, by_loop=True)
 
@@ -333,13 +321,13 @@ def _loop_section(one: LoopViews, comparison: Comparison | None) -> str:
     if comparison is not None:
         head, *rows = comparison.rows()
         compared = f"<p>Comparison with the {comparison.method}:</p>{table(head, rows)}"
-    return (
-        f'<section data-loop="{outcome.index}">'
-        f"<h2>Loop {outcome.index}</h2>{compared}<details><summary>Mathematics: p, q, f, g, and all figures</summary>"
-        "<p>p, q, f = −2q² and g = −p/q on Ω. The hue is the argument (red: positive), "
-        "the lightness the modulus relative to its median: black is 0, white is infinite, with a step at every power "
-        f'of two.</p><div class="functions">{"".join(images)}</div>{_figure_table(figures)}</details></section>'
+    mathematics = folded(
+        "Mathematics: p, q, f, g, and all figures",
+        "<p>p, q, f = −2q² and g = −p/q on Ω. The hue is the argument (red: positive), the lightness the modulus "
+        "relative to its median: black is 0, white is infinite, with a step at every power of two.</p>",
+        f'<div class="functions">{"".join(images)}</div>{_figure_table(figures)}',
     )
+    return f'<section data-loop="{outcome.index}"><h2>Loop {outcome.index}</h2>{compared}{mathematics}</section>'
 
 
 def _figure_table(figures: Mapping[str, Any]) -> str:

@@ -123,7 +123,7 @@ def shape_of(shown: Any) -> Shape:
         known = isinstance(shown, MeshFile) and shown.contents.face_loops is not None
         is_new = shown.contents.loop_of_faces[shown.face_polygons] >= 0 if known else None
         return Shape(vertices=mesh.vertices, faces=mesh.faces, values=values, skin=skin_of(shown, mesh), is_new=is_new)
-    rows = [(str(o.index), str(len(o.loop)), o.kind or "open", str(o.faces_added), o.reason) for o in shown.loops]
+    rows = [(str(o.index), str(len(o.loop)), o.state, str(o.faces_added), o.reason) for o in shown.loops]
     first = len(mesh.faces) - len(shown.extension.faces)
     return Shape(
         vertices=mesh.vertices,
