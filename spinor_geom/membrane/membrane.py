@@ -7,22 +7,21 @@ of the film that points outwards: the curvature is 1/T, in the tangent plane of 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from time import perf_counter
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.linalg import cho_factor, cho_solve, eigh
+from scipy.linalg import eigh
 
-from spinor_geom.errors import LoopError, OutOfTimeError, SurfaceError, require_positive, require_type
+from spinor_geom import deadline
+from spinor_geom.errors import LoopError, SurfaceError, require_positive, require_type
 from spinor_geom.gradients.area_hessian import boundary_form, rim_terms
 from spinor_geom.gradients.rim_nodes import RimNodes
-from spinor_geom.membrane.cables import Cable, CableEdge, Edge, LengthTerms, Stay
-from spinor_geom.membrane.frame import Frame
+from spinor_geom.membrane.cables import Cable, Edge
+from spinor_geom.membrane.frame import Frame, LengthTerms, cable_shapes, half_turn
 from spinor_geom.membrane.frame_file import edges_of_arguments
-from spinor_geom.mesh.curve import ClosedCurve
 from spinor_geom.plateau.options import Model
 from spinor_geom.plateau.route_result import FAILURES
 from spinor_geom.plateau.solution import PlateauSolution
@@ -33,14 +32,12 @@ _XYZ = np.arange(3)
 _MOST_STEPS = 12
 _STIFF = 20.0
 _LEAST = 1e-9  # eigenvalue, relative to the largest one
-# Relative to the size: a predicted next step below the first ends the search. Steps below the second that do
-# not decrease end it too, because they have the size of the film's error. Longer ones than the third are shortened.
-_FINAL, _NOISE, _LONGEST = 1e-7, 1e-5, 0.15
-_ROUGH, _ROUGHLY = 1e-4, 1e-3  # expected step above which the film is computed with the second tolerance
+# Relative to the size: steps below the first end the search, longer ones than the second are shortened.
+_FINAL, _LONGEST = 1e-9, 0.15
+_ROUGH, _ROUGHLY = 1e-3, 1e-3  # step after which the film is computed with the second tolerance
 # Parts of each piece of ∂Ω for the finite elements of the second derivative. With 1 a step leaves up to a tenth of the
 # distance to the minimum, with 3 a hundredth.
 _FINER = 3
-_BALANCED = 1e-9  # largest force that is left at a free node or ring, relative to tensions and size
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -51,7 +48,7 @@ class CableShape:
         cable: as given, in the direction in which the frame is passed.
         tension: given, or that of the cable of given length.
         length: in mesh units.
-        control: control points of `CableEdge`.
+        control: coefficients of `cable_shapes`.
     """
 
     cable: Cable
@@ -62,14 +59,13 @@ class CableShape:
     def __repr__(self) -> str:
         return f"CableShape(tension {self.tension:.6g}, length {self.length:.6g})"
 
-    def point(self, x: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
-        """Points of the cable, 0 ≤ x ≤ 1 from start to end."""
-        return np.asarray(CableEdge(self.cable).shapes(x) @ self.control)
+    def point(self, x: Float[np.ndarray, " n"], order: int = 0) -> Float[np.ndarray, "n 3"]:
+        """Points of the cable, 0 ≤ x ≤ 1 from start to end, or a derivative."""
+        return np.asarray(cable_shapes(x, len(self.control) - 1, order) @ self.control)
 
     def curvature(self, x: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
         """Curvature vectors. Their length is 1/tension in equilibrium."""
-        edge = CableEdge(self.cable)
-        first, second = edge.shapes(x, 1) @ self.control, edge.shapes(x, 2) @ self.control
+        first, second = self.point(x, 1), self.point(x, 2)
         square = (first * first).sum(axis=1, keepdims=True)
         return np.asarray((second - (second * first).sum(axis=1, keepdims=True) / square * first) / square)
 
@@ -145,88 +141,70 @@ def solve_membrane(
     require_type(edges, Iterable, function="solve_membrane", takes="a sequence of edges")
     require_positive("tolerance", tolerance)
     require_positive("time_limit", time_limit, finite=False)
-    frame, begin = Frame.of(edges_of_arguments(edges)), perf_counter()
-    control, tensions = frame.start, np.array([one.first_tension for one in frame.cables], dtype=np.float64)
+    frame = Frame.of(edges_of_arguments(edges))
+    if frame.is_overturned:
+        raise _no_equilibrium("its cables would turn by more than its corners leave room for")
+    control, tensions = frame.start, np.array([_first_tension(one.edge) for one in frame.cables])
     while len(frame.crossed(frame.straight, control)):
         control = (control + frame.straight) / 2
     steps: list[float] = []
-    is_narrow, is_stable = False, True
-    while True:
-        left = time_limit - (perf_counter() - begin)
-        if left <= 0:
-            raise OutOfTimeError
-        expected = _next_step(steps) / frame.size
-        is_rough = expected > _ROUGH and len(frame.unknowns) > 0
-        film = _film(frame, control, max(tolerance, _ROUGHLY) if is_rough else tolerance, left)
-        state = _State(frame=frame, control=control, film=film)
-        is_done = _has_stalled(steps, frame.size) or (expected <= _FINAL and state.is_balanced(tensions))
-        if is_done or not len(frame.unknowns) or len(steps) == _MOST_STEPS:
-            break
-        step, changes, is_stable = state.step(tensions)
-        share = min(1.0, _LONGEST * frame.size / max(float(np.abs(step).max()), np.finfo(float).tiny))
-        crossed = frame.crossed(control, control + share * step)
-        if len(crossed) and (is_narrow or len(frame.crossed(control, control + share / 2 * step))):
-            raise SurfaceError(_collapsed(frame, f"its edges would cross at {frame.nodes[crossed[0]].tolist()}"))
-        is_narrow = len(crossed) > 0
-        share = share / 2 if is_narrow else share
-        control, tensions = control + share * step, tensions + share * changes
-        steps.append(share * float(np.linalg.norm(step, axis=1).max()))
-        if (tensions <= 0).any():
-            raise SurfaceError(_collapsed(frame, "a cable would have to push"))
-    if steps and not is_stable:
-        raise SurfaceError(_collapsed(frame, "the film is unstable"))
-    if steps and not is_done:
-        raise SurfaceError(_collapsed(frame, f"Newton's method did not converge in {len(steps)} steps"))
+    is_narrow = False
+    with deadline.time_limit(time_limit):
+        while True:
+            deadline.require_time()
+            is_rough = len(frame.unknowns) > 0 and (not steps or steps[-1] > _ROUGH * frame.size)
+            film = _film(frame, control, max(tolerance, _ROUGHLY) if is_rough else tolerance)
+            state = _State(frame=frame, control=control, film=film)
+            if not len(frame.unknowns):
+                break
+            step, changes, is_stable = state.step(tensions)
+            length, noise = np.abs(step).max(), frame.size * max(_FINAL, film.boundary_residual.max_per_diagonal)
+            # forces at free points are exact only after another step
+            if length <= noise and not is_rough and not (frame.is_hanging and steps[-1] > noise):
+                if not is_stable:
+                    raise _no_equilibrium("the film is unstable")
+                break
+            if len(steps) == _MOST_STEPS:
+                raise _no_equilibrium(f"Newton's method did not converge in {len(steps)} steps")
+            share = min(1.0, _LONGEST * frame.size / max(length, np.finfo(float).tiny))
+            crossed = frame.crossed(control, control + share * step)
+            if len(crossed):
+                share /= 2
+                if is_narrow or len(frame.crossed(control, control + share * step)):
+                    raise _no_equilibrium(f"its edges would cross at {frame.nodes[crossed[0]].tolist()}")
+            is_narrow = len(crossed) > 0
+            control, tensions = control + share * step, tensions + share * changes
+            steps.append(share * length)
+            if (tensions <= 0).any():
+                raise _no_equilibrium("a cable would have to push")
     return state.membrane(tensions, tuple(steps))
 
 
-def _next_step(steps: list[float]) -> float:
-    """The size of the next step, predicted from the last two. At first it is that of the last one."""
-    return steps[-1] ** 2 / max(*steps[-2:], np.finfo(float).tiny) if steps else np.inf
+def _first_tension(cable: Cable) -> float:
+    """The tension, or for a given length about that of an arc of a circle in a plane film."""
+    return cable.tension or cable.chord / (2 * np.sin(half_turn(cable)))
 
 
-def _has_stalled(steps: list[float], size: float) -> bool:
-    """Whether steps have the size of the film's error."""
-    return len(steps) > 1 and 0.3 * steps[-2] < steps[-1] <= _NOISE * size
+def _no_equilibrium(why: str) -> SurfaceError:
+    return SurfaceError(
+        f"no equilibrium of the film was found: {why}; raise tensions, shorten cables, or move rings together"
+    )
 
 
-def _collapsed(frame: Frame, why: str) -> str:
-    """The sentence that no equilibrium was found."""
-    cables = [one.cable for one in frame.cables if not isinstance(one.cable, Stay)]
-    ratios = [one.tension / one.chord for one in cables if one.tension is not None]
-    advice = "give shorter cables" if cables else "move the rings together"
-    if ratios:
-        advice = f"raise the tensions, of which the smallest is {min(ratios):.3g} of the distance of its ends"
-        advice += ", or give shorter cables" * (len(ratios) < len(cables))
-    return f"no equilibrium of the film was found: {why}; {advice}"
-
-
-def _film(frame: Frame, control: Float[np.ndarray, "c 3"], tolerance: float, time_limit: float) -> PlateauSolution:
+def _film(frame: Frame, control: Float[np.ndarray, "c 3"], tolerance: float) -> PlateauSolution:
     """The film inside the frame for control points of the cables."""
     curves = frame.curves(control)
     # between two rims the other routes resolve corners less well, and take longer
-    model: Model = "cauchy" if frame.edges and len(curves) == 2 else "auto"
+    model: Model = "cauchy" if frame.sides and len(curves) == 2 else "auto"
     try:
-        film = solve_plateau(
-            curves if frame.rings else curves[0], model=model, tolerance=tolerance, time_limit=time_limit
-        )
+        film = solve_plateau(curves if frame.rings else curves[0], model=model, tolerance=tolerance)
     except (LoopError, *FAILURES) as error:
         if isinstance(error, LoopError) and not frame.cables:
             raise  # given edges cross each other
-        raise SurfaceError(_collapsed(frame, f"its edges do not bound a film ({error})")) from error
+        raise _no_equilibrium(f"its edges do not bound a film ({error})") from error
     if not isinstance(film, PlateauSolution):
-        raise SurfaceError(_collapsed(frame, film.reason))
+        raise _no_equilibrium(film.reason)
     return film
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Piece:
-    """Nodes on a rim of the film that move with some control points: shape functions B there and their derivatives."""
-
-    at: Int[np.ndarray, " c"]  # the control points
-    here: Int[np.ndarray, " n"]  # the nodes
-    values: Float[np.ndarray, "n c"]
-    slopes: Float[np.ndarray, "n c"]  # by the parameter of Γ
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -243,153 +221,105 @@ class _State:
         return RimNodes.all_of(self.film)
 
     @cached_property
-    def owners(self) -> list[tuple[int, bool]]:
-        """The curve of the frame on which each rim lies, and whether the rim has the opposite direction."""
-        found, curves, s = [], self.frame.curves(self.control), np.array([0.1])
-        for rim in self.film.rims:
-            gaps = [
-                np.linalg.norm(one - rim.loop.points[0], axis=1).min() for one in curves if isinstance(one, np.ndarray)
-            ]
-            own = int(np.argmin([*gaps, 1e-9 * self.frame.size]))
-            curve = curves[own]
-            away = curve.point(s) - rim.curve.point(s) if isinstance(curve, ClosedCurve) else np.zeros(3)
-            found.append((own, bool(np.linalg.norm(away) > 1e-6 * self.frame.size)))
+    def lengths(self) -> list[LengthTerms]:
+        """`Part.length` of each cable."""
+        return [one.length(self.control) for one in self.frame.cables]
+
+    def places(self, rim: int, s: Float[np.ndarray, " k"]) -> tuple[Int[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+        """The parts of the frame at parameters on a rim, and the parameters on them."""
+        frame, annulus = self.frame, self.film.annulus
+        own = 0 if annulus is None else annulus.order[rim]
+        if own < len(frame.rings):
+            return np.full(len(s), len(frame.parts) - len(frame.rings) + own), s
+        return frame.places(s * self.direction(rim))
+
+    def direction(self, rim: int) -> int:
+        """1 if a rim has the direction of its curve in the frame, otherwise −1."""
+        annulus = self.film.annulus
+        return 1 if annulus is None else 1 - 2 * annulus.backward[annulus.order[rim]]
+
+    def shapes(self, rim: int, s: Float[np.ndarray, " k"], order: int = 0) -> Float[np.ndarray, "k c"]:
+        """The derivatives of points of a rim, or of Γ′, in the control points."""
+        part, x = self.places(rim, s)
+        found = np.zeros((len(s), len(self.control)))
+        for k in np.unique(part).tolist():
+            own, here = self.frame.parts[k], np.flatnonzero(part == k)
+            found[np.ix_(here, own.at)] = own.shapes(x[here], order)
+            if order and k < len(self.frame.sides):
+                found[here] *= self.direction(rim) / np.diff(self.frame.breaks)[k]
         return found
-
-    def edges_at(self, rim: int, s: Float[np.ndarray, " k"]) -> tuple[Int[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-        """The edges of parameters on a rim, and the parameters on them. Rings come after the edges."""
-        own, back = self.owners[rim]
-        if own < len(self.frame.rings):
-            return np.full(len(s), len(self.frame.edges) + own), s
-        edge, x = self.frame.places(-s if back else s)
-        return edge, x
-
-    def pieces(self, rim: int, s: Float[np.ndarray, " k"]) -> Iterator[_Piece]:
-        """The pieces of a rim that move."""
-        frame = self.frame
-        edge, x = self.edges_at(rim, s)
-        for k in np.unique(edge).tolist():
-            here = np.flatnonzero(edge == k)
-            if k >= len(frame.edges):
-                at, ones = frame.ring_controls[[k - len(frame.edges)]], np.ones((len(here), 1))
-                yield _Piece(at=at, here=here, values=ones, slopes=0 * ones)
-            elif k in frame.cable_numbers:
-                number = frame.cable_numbers[k]
-                cable, rate = frame.cables[number], (-1) ** self.owners[rim][1] / np.diff(frame.starts)[k]
-                values, slopes = (cable.shapes(x[here], order) for order in (0, 1))
-                yield _Piece(at=frame.controls[number], here=here, values=values, slopes=slopes * rate)
 
     @cached_property
     def by_area(self) -> Float[np.ndarray, "c 3"]:
         """The gradient of the area."""
-        gradient = np.zeros_like(self.control)
-        for number, nodes in enumerate(self.nodes):
-            for piece in self.pieces(number, nodes.places):
-                gradient[piece.at] += piece.values.T @ nodes.conormal[piece.here]
-        return gradient
-
-    @cached_property
-    def lengths(self) -> list[LengthTerms]:
-        """`length_terms` of each cable."""
-        frame = self.frame
-        return [one.length_terms(self.control[at]) for one, at in zip(frame.cables, frame.controls, strict=True)]
+        own = [self.shapes(rim, nodes.places).T @ nodes.conormal for rim, nodes in enumerate(self.nodes)]
+        return np.asarray(np.sum(own, axis=0))
 
     @property
     def by_area_twice(self) -> Float[np.ndarray, "c 3 c 3"]:
         """The second derivative of the area."""
-        film, count = self.film, self.frame.count
+        film, count = self.film, len(self.control)
         domain, form, jacobi = film.domain.divided(_FINER), np.zeros((count, 3, count, 3)), []
-        for number, (rim, nodes, boundary) in enumerate(zip(film.rims, self.nodes, domain.boundaries, strict=True)):
+        for k, (rim, nodes, boundary) in enumerate(zip(film.rims, self.nodes, domain.boundaries, strict=True)):
             _, turned, bent = rim_terms(film, nodes)
-            speed = np.linalg.norm(rim.curve.derivative(nodes.places), axis=1)[:, None]
-            for piece in self.pieces(number, nodes.places):
-                at, size = piece.at, len(piece.at)
-                for one, matrix in ((piece.slopes / speed[piece.here], turned), (piece.values, bent)):
-                    pairs = np.einsum("kj,kab->kajb", piece.values, matrix[piece.here]).reshape(len(one), -1)
-                    form[np.ix_(at, _XYZ, at, _XYZ)] += (one.T @ pairs).reshape(size, 3, size, 3)
-            normals = film.array_surface.normal(boundary.vertices)
-            normals = np.where(np.isfinite(normals), normals, 0)
-            u = np.zeros((len(normals), count, 3))
-            for piece in self.pieces(number, rim.places(boundary.parameters[:-1])):
-                u[np.ix_(piece.here, piece.at)] = piece.values[:, :, None] * normals[piece.here, None]
+            speed = np.linalg.norm(rim.curve.derivative(nodes.places), axis=1)
+            values, slopes = self.shapes(k, nodes.places), self.shapes(k, nodes.places, 1) / speed[:, None]
+            for i, j in np.ndindex(3, 3):
+                form[:, i, :, j] += (slopes.T * turned[:, i, j] + values.T * bent[:, i, j]) @ values
+            normals = np.nan_to_num(film.array_surface.normal(boundary.vertices))
+            u = self.shapes(k, rim.places(boundary.parameters[:-1]))[:, :, None] * normals[:, None]
             jacobi.append(u.reshape(len(u), -1))
         form += boundary_form(film.array_surface, domain.triangulation, np.concatenate(jacobi)).reshape(form.shape)
         return np.asarray((form + form.transpose(2, 3, 0, 1)) / 2)
 
     def gradient(self, tensions: Float[np.ndarray, " t"]) -> Float[np.ndarray, "c 3"]:
         """The gradient of the energy."""
-        frame, gradient = self.frame, np.array(self.by_area)
-        for at, tension, (_, by_length, _, _) in zip(frame.controls, tensions.tolist(), self.lengths, strict=True):
-            gradient[at] += tension * by_length
-        gradient[frame.ring_controls, 2] -= [ring.force or 0.0 for ring in frame.rings]
+        gradient = np.array(self.by_area)
+        for one, tension, (_, slope, _) in zip(self.frame.cables, tensions.tolist(), self.lengths, strict=True):
+            gradient[one.at] += tension * slope
+        for ring in self.frame.rings:
+            gradient[ring.at, 2] -= ring.edge.force or 0.0
         return gradient
-
-    def is_balanced(self, tensions: Float[np.ndarray, " t"]) -> bool:
-        """Whether the forces at free nodes and rings balance."""
-        frame, unknowns = self.frame, self.frame.unknowns
-        is_point = np.isin(unknowns // 3, [*range(len(frame.nodes)), *frame.ring_controls.tolist()])
-        left = np.abs(self.gradient(tensions).ravel()[unknowns[is_point]])
-        return bool(left.max(initial=0.0) <= _BALANCED * max([frame.size, *tensions.tolist()]))
 
     def step(self, tensions: Float[np.ndarray, " t"]) -> tuple[Float[np.ndarray, "c 3"], Float[np.ndarray, " t"], bool]:
         """Newton's step of control points and of tensions of cables of given length, and whether the film is stable."""
-        frame, unknowns = self.frame, self.frame.unknowns
-        matrix, gradient = self.by_area_twice, self.gradient(tensions).ravel()[unknowns]
-        rows, misses = [], []
-        for number, (own, tension) in enumerate(zip(frame.cables, tensions.tolist(), strict=True)):
-            at, (length, by_length, twice, along) = frame.controls[number], self.lengths[number]
-            # area and length do not depend on displacements along the cable, which are kept small
-            matrix[np.ix_(at, _XYZ, at, _XYZ)] += tension * (twice + along)
-            if own.cable.length is not None:
-                row = np.zeros_like(self.control)
-                row[at] = by_length
-                rows.append(row.ravel()[unknowns])
-                misses.append(length - own.cable.length)
-                # a multiple of the constraint, which does not change the step, makes the matrix positive
-                matrix += _STIFF * tension / length * row[:, :, None, None] * row
-                gradient += _STIFF * tension / length * misses[-1] * rows[-1]
-        size = matrix.shape[0] * 3
-        values, vectors = eigh(matrix.reshape(size, size)[np.ix_(unknowns, unknowns)])
+        frame, unknowns, size, matrix = self.frame, self.frame.unknowns, self.control.size, self.by_area_twice
+        rows, misses = np.zeros((len(tensions), *self.control.shape)), np.zeros(len(tensions))
+        for k, (one, tension) in enumerate(zip(frame.cables, tensions.tolist(), strict=True)):
+            length, rows[k, one.at], bend = self.lengths[k]
+            matrix[np.ix_(one.at, _XYZ, one.at, _XYZ)] += tension * bend
+            misses[k] = length - (one.edge.length or length)
+        given = [k for k, one in enumerate(frame.cables) if one.edge.length is not None]
+        constraint, misses = rows.reshape(len(tensions), size)[given][:, unknowns], misses[given]
+        # a multiple of the constraint, which does not change the step, makes the matrix positive
+        stiff = _STIFF * constraint.T * (tensions / [length for length, _, _ in self.lengths])[given]
+        gradient = self.gradient(tensions).ravel()[unknowns] + stiff @ misses
+        values, vectors = eigh(matrix.reshape(size, size)[np.ix_(unknowns, unknowns)] + stiff @ constraint)
         # away from a minimum, absolute values make the step a descent
-        factor = cho_factor((vectors * np.maximum(np.abs(values), _LEAST * values[-1])) @ vectors.T)
-        move, changes = -cho_solve(factor, gradient), np.zeros(len(tensions))
-        if rows:
-            constraint = np.stack(rows)
-            by_tension = cho_solve(factor, constraint.T)
-            more = np.linalg.solve(constraint @ by_tension, misses + constraint @ move)
-            move -= by_tension @ more
-            changes[[k for k, one in enumerate(frame.cables) if one.cable.length is not None]] = more
+        inverse = (vectors / np.maximum(np.abs(values), _LEAST * values[-1])) @ vectors.T
+        move, changes = -inverse @ gradient, np.zeros(len(tensions))
+        changes[given] = np.linalg.solve(constraint @ inverse @ constraint.T, misses + constraint @ move)
         step = np.zeros(size)
-        step[unknowns] = move
+        step[unknowns] = move - inverse @ constraint.T @ changes[given]
         return step.reshape(-1, 3), changes, bool(values[0] > 0)
 
     def membrane(self, tensions: Float[np.ndarray, " t"], steps: tuple[float, ...]) -> Membrane:
         """The result."""
         frame = self.frame
-        shapes = [
-            CableShape(cable=own.cable, tension=tension, length=length, control=self.control[at])
-            for own, tension, (length, _, _, _), at in zip(
-                frame.cables, tensions.tolist(), self.lengths, frame.controls, strict=True
-            )
-        ]
-        held = np.zeros((len(frame.edges) + len(frame.stays) + len(frame.rings), 3))
-        for number, nodes in enumerate(self.nodes):
-            edge, _ = self.edges_at(number, nodes.places)
-            np.add.at(held, np.where(edge < len(frame.edges), edge, edge + len(frame.stays)), nodes.conormal)
-        held[list(frame.cable_numbers)] = 0
-        order = np.argsort(frame.numbers, kind="stable")
-        numbers = np.array(frame.numbers)[order]
-        copies = np.arange(len(numbers)) - np.searchsorted(numbers, numbers)
+        held, shapes = np.zeros((len(frame.parts), 3)), {}
+        for rim, nodes in enumerate(self.nodes):
+            np.add.at(held, self.places(rim, nodes.places)[0], nodes.conormal)
+        for one, tension, (length, _, _) in zip(frame.cables, tensions.tolist(), self.lengths, strict=True):
+            k, edge = frame.parts.index(one), one.edge
+            held[k], shapes[k] = 0, CableShape(cable=edge, tension=tension, length=length, control=self.control[one.at])
         return Membrane(
             film=self.film,
-            cables=tuple(shapes[k] for k in np.argsort(frame.cable_given, kind="stable").tolist()),
+            cables=tuple(shapes[k] for k in frame.order if k in shapes),
             supports=self.control[: len(frame.nodes)],
             is_free=frame.is_free,
             forces=self.gradient(tensions)[: len(frame.nodes)],
-            edge_forces=held[order],
-            edge_names=tuple(
-                f"{number}.{copy}" if copy else f"{number}" for number, copy in zip(numbers, copies, strict=True)
-            ),
-            heights=self.control[frame.ring_controls, 2],
+            edge_forces=held[frame.order],
+            edge_names=tuple(frame.parts[k].name for k in frame.order),
+            heights=np.array([self.control[ring.at[0], 2] for ring in frame.rings]),
             steps=steps,
         )

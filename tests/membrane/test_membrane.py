@@ -146,6 +146,7 @@ def test_newtons_steps_of_weak_cables_are_each_a_fiftieth_of_the_one_before() ->
     corners = np.array([[1.33, 0.3, 0.6], [0.1, 1.18, -0.62], [-1.11, -0.26, 0.53], [-0.19, -1.38, -0.65]])
     steps = np.array(solve_membrane(ring(corners, tension=2.68)).steps)
     # finite elements on the triangulation of the film leave a tenth
+    assert len(steps) > 2
     assert (steps[1:] < steps[:-1] / 50).all()
 
 
@@ -189,7 +190,7 @@ def test_a_ring_hangs_at_the_height_where_a_catenoid_pulls_with_its_force() -> N
         membrane = solve_membrane([Ring(points=circle(1, 0)), Ring(points=circle(0.5, begin), force=force)])
         assert begin + membrane.heights[1] == pytest.approx(height, abs=1e-8)
         np.testing.assert_allclose(membrane.edge_forces, [[0, 0, -force], [0, 0, force]], atol=1e-8)
-    with pytest.raises(SurfaceError, match="move the rings together"):
+    with pytest.raises(SurfaceError, match="or move rings together"):
         solve_membrane([Ring(points=circle(1, 0)), Ring(points=circle(0.5, 0.6), force=3.2)])
 
 
@@ -228,11 +229,13 @@ def test_frames_that_collapse_are_refused() -> None:
     for given in ({"tension": 0.65}, {"tension": 0.705}, {"length": 1.4}):
         with pytest.raises(SurfaceError, match="its edges would cross at"):
             solve_membrane(ring(SQUARE, **given))
-    for share in (1e-9, 0.36, 0.63, 0.69):
-        with pytest.raises(SurfaceError, match="its edges would cross at"):
+    with pytest.raises(SurfaceError, match="its edges would cross at"):
+        solve_membrane(ring(SADDLE, tension=0.69 * np.sqrt(5)))
+    # by the theorem of Gauss and Bonnet, below 2/π of the chords
+    for share in (1e-9, 0.36, 0.63):
+        with pytest.raises(SurfaceError, match="its cables would turn by more"):
             solve_membrane(ring(SADDLE, tension=share * np.sqrt(5)))
-    # the film has no corners where two cables alone meet
-    with pytest.raises(SurfaceError, match="touches itself"):
+    with pytest.raises(SurfaceError, match="its cables would turn by more"):
         solve_membrane([Cable(start=SQUARE[0], end=SQUARE[1], tension=tension) for tension in (3.0, 4.0)])
 
 
