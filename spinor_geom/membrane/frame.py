@@ -28,10 +28,10 @@ _MOST_TURN = 2.5  # half the angle by which a cable of given length turns at the
 _ENDS = np.array([0.0, 1.0])
 
 # the length of a cable with its first and second derivative in the control points
-LengthTerms: TypeAlias = tuple[float, Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3 k 3"]]
+LengthTerms: TypeAlias = tuple[float, Float[np.ndarray, "_ 3"], Float[np.ndarray, "_ 3 _ 3"]]
 
 
-def cable_shapes(x: Float[np.ndarray, " n"], degree: int, order: int = 0) -> Float[np.ndarray, "n degree+1"]:
+def cable_shapes(x: Float[np.ndarray, " n"], degree: int, order: int = 0) -> Float[np.ndarray, "n _"]:
     """B(x) of a cable c = Σ B_k C_k, or a derivative: B_0 = 1 − x, B_1 = x, then integrals of Legendre polynomials."""
     coefficients = np.zeros((degree + 1, degree + 1))
     coefficients[:2, :2] = [[0.5, 0.5], [-0.5, 0.5]]

@@ -21,7 +21,8 @@ from numpy.typing import ArrayLike
 from spinor_geom.arrays import EPS
 from spinor_geom.domain.plane_domain import TOWARDS_CORNER, PlaneDomain, SplineBoundary
 from spinor_geom.domain.quadrature import rule
-from spinor_geom.errors import OptionError, SurfaceError
+from spinor_geom.errors import MeshShapeError, OptionError, SurfaceError
+from spinor_geom.mesh.array_checks import frozen
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, diagonals
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.interpolation import piece_places, through
@@ -54,17 +55,17 @@ class MirrorPlanes:
     def of(cls, planes: ArrayLike) -> MirrorPlanes:
         """The planes through points with normals, (k, 2, 3). Raises an OptionError for others."""
         try:
-            given = np.asarray(planes, dtype=np.float64)
-        except (TypeError, ValueError):
+            given = frozen(planes, "real numbers", None, 2, 3, name="planes of symmetry")
+        except MeshShapeError:
             given = np.empty(0)
-        if given.ndim != 3 or given.shape[1:] != (2, 3) or not 1 <= len(given) <= 3 or not np.isfinite(given).all():
-            raise OptionError(f"mirror must be one to three pairs (point, normal), not {planes!r}")
+        if not 1 <= len(given) <= 3 or not np.isfinite(given).all():
+            raise OptionError("planes of symmetry must be one to three pairs (point, normal) of finite numbers")
         length = np.linalg.norm(given[:, 1], axis=1)
         if not length.all():
             raise OptionError(f"the normal of plane {int(length.argmin())} is 0; give the direction of its normal")
         normals = given[:, 1] / length[:, None]
         if np.abs(normals @ normals.T - np.eye(len(normals))).max() > _ON_PLANE:
-            raise OptionError("the planes of mirror are not mutually orthogonal; give orthogonal normals")
+            raise OptionError("the planes of symmetry are not mutually orthogonal; give orthogonal normals")
         return cls(normals=normals, offsets=(normals * given[:, 0]).sum(axis=1))
 
     def heights(self, r: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n k"]:

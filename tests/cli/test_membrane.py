@@ -40,6 +40,14 @@ def test_half_a_square_has_a_film_and_forces(suffix: str, tmp_path: Path, capsys
         assert len(read_mesh(film).mesh.faces)
 
 
+def test_a_film_without_forces_is_balanced(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    t = 2 * np.pi * np.arange(24) / 24
+    ring = np.column_stack([np.cos(t), np.sin(t), 0 * t]).tolist()
+    frame = write(tmp_path / "frame.json", {"edges": [{"ring": ring}]})
+    assert main(["membrane", frame, "-o", str(tmp_path / "lid.obj")]) == 0
+    assert json.loads(capsys.readouterr().out)["area"] == pytest.approx(np.pi, rel=1e-9)
+
+
 @pytest.mark.parametrize(
     ("content", "message"),
     [
