@@ -15,7 +15,7 @@ from typing import Any
 
 from PIL import Image
 
-from spinor_geom.bench.cases import KNOWN, REFERENCE_CASE, SAMPLED, known_kind
+from spinor_geom.bench.cases import KNOWN, REFERENCE_CASE
 from spinor_geom.bench.fillers import FILLERS, OURS, SMOOTH, SMOOTHEST
 from spinor_geom.bench.frames import FRAME_METHODS
 from spinor_geom.bench.machine import Record
@@ -56,7 +56,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def settings(data: Path) -> list[Settings]:
     """What is measured: all suites, with fewer points and tools where the pages need no more."""
-    smooth = (*(name for name in KNOWN if known_kind(name) == "smooth"), *SAMPLED)
     common: dict[str, Any] = {"data": data, "repeat": 1, "time_limit": 30.0}
     compared = tuple(dict.fromkeys(method for methods in TOOLS.values() for method in methods if method not in SLOW))
 
@@ -64,8 +63,7 @@ def settings(data: Path) -> list[Settings]:
         return Settings(suites=(suite,), **{**common, **more})
 
     return [
-        part("disks", cases=smooth, methods=("spinor", "libigl", "libigl-uniform")),
-        part("disks", cases=tuple(name for name in KNOWN if name not in smooth), methods=("spinor",), points=(POINTS,)),
+        part("disks", methods=("spinor", "libigl", "libigl-uniform")),
         part("fills", cases=(REFERENCE_CASE,), methods=tuple(method for method in FILLERS if method not in SLOW)),
         part("fills", cases=tuple(KNOWN), methods=compared, hole_points=(POINTS,)),
         part("fills", cases=(REFERENCE_CASE,), methods=SLOW, time_limit=10.0),

@@ -96,7 +96,8 @@ KNOWN: Mapping[str, tuple[Kind, Callable[[], KnownCurve | KnownSurface | KnownPa
 }
 """Kind and constructor of the known cases; "random-SEED" is a surface of random polynomials of degree 4."""
 
-SAMPLED = tuple(f"{name}@{how}" for name, (kind, _) in KNOWN.items() if kind == "smooth" for how in ("even", "uneven"))
+SMOOTH = tuple(name for name, (kind, _) in KNOWN.items() if kind == "smooth")
+SAMPLED = tuple(f"{name}@{how}" for name in SMOOTH for how in ("even", "uneven"))
 """The smooth cases with equal and with random edge lengths."""
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from spinor_geom.bench.cases import REFERENCE_CASE, known_kind
+from spinor_geom.bench.cases import REFERENCE_CASE
 from spinor_geom.bench.fillers import LOOP_METHODS
 from spinor_geom.bench.machine import Record
 from spinor_geom.bench.promises import is_whole, names
@@ -65,9 +65,9 @@ def plots(records: Sequence[Record]) -> list[Plot]:
 
 
 def _disks(done: Sequence[Record]) -> Iterator[Plot]:
-    """Errors, distances and curvature of disks over smooth curves, by sampling."""
-    smooth = _smooth_disks(done)
-    about = "Medians over the smooth curves of the suite `disks`, by the sampling of their points."
+    """Errors, distances and curvature of disks by sampling."""
+    disks = [r for r in done if r["suite"] == "disks"]
+    about = "Medians over the curves of the suite `disks`, by the sampling of their points."
     for name, title, label, of_surface, of_mesh, note in (
         (
             *("area", "Area error", "relative error of the area", "area_error", "mesh_area_error"),
@@ -86,7 +86,7 @@ def _disks(done: Sequence[Record]) -> Iterator[Plot]:
     ):
         panels: dict[str, Lines] = {}
         for sampling, panel in _SAMPLINGS.items():
-            here = [r for r in smooth if r["case"].partition("@")[2] == sampling]
+            here = [r for r in disks if r["case"].partition("@")[2] == sampling]
             limit = {_LIMIT: _medians(here, "spinor", "limit_error")} if name == "area" else {}
             meshes = {f"{m}, mesh" if m == "spinor" else m: _medians(here, m, of_mesh) for m in LOOP_METHODS}
             panels[panel] = {"spinor, surface": _medians(here, "spinor", of_surface), **meshes, **limit}
@@ -95,12 +95,13 @@ def _disks(done: Sequence[Record]) -> Iterator[Plot]:
 
 def _seconds(done: Sequence[Record]) -> Plot:
     """Seconds of disks and of whole fills."""
-    smooth, fills = _smooth_disks(done), [r for r in done if r["suite"] == "fills" and r["case"] == REFERENCE_CASE]
+    disks = [r for r in done if r["suite"] == "disks"]
+    fills = [r for r in done if r["suite"] == "fills" and r["case"] == REFERENCE_CASE]
     panels = {
-        "surface and mesh": {m: _medians(smooth, m, "seconds") for m in names(smooth, "method")},
+        "surface and mesh": {m: _medians(disks, m, "seconds") for m in names(disks, "method")},
         f"fills of {REFERENCE_CASE}": {m: _medians(fills, m, "seconds") for m in names(fills, "method")},
     }
-    note = "Left: medians over the smooth curves of the suite `disks`. Right: whole fills of one rim by each tool."
+    note = "Left: medians over the curves of the suite `disks`. Right: whole fills of one rim by each tool."
     return _line_plot("seconds", "Seconds", note, "seconds", panels)
 
 
@@ -156,10 +157,6 @@ def _meshes(done: Sequence[Record]) -> Plot:
         figure=_figure({"": None} if cases else {}, draw, height=1 + 0.35 * len(cases)),
         data=Table(columns=("mesh", *fillers), rows=rows),
     )
-
-
-def _smooth_disks(done: Sequence[Record]) -> list[Record]:
-    return [r for r in done if r["suite"] == "disks" and known_kind(r["case"]) == "smooth"]
 
 
 def _medians(records: Sequence[Record], method: str, field: str) -> dict[int, float]:

@@ -12,7 +12,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
-from spinor_geom.bench.cases import KNOWN, REFERENCE_CASE, SAMPLED, known_kind
+from spinor_geom.bench.cases import KNOWN, REFERENCE_CASE, SAMPLED, SMOOTH, known_kind
 from spinor_geom.bench.cut_outs import CAPS, WINDOWS, scan_names
 from spinor_geom.bench.fillers import FILLERS, LOOP_METHODS, REPORTED, SMOOTHEST, Tool
 from spinor_geom.bench.frames import FRAME_METHODS, FRAMES
@@ -29,7 +29,7 @@ TASKS = "spinor_geom.bench.tasks"
 # cut-outs for which the page shows the removed piece and each filler's patch
 PICTURED = ("icosphere-4-0.3", "torus-outside-0.4", "bunny_scan-02", "demosthenes_low_res-03")
 METHODS: Mapping[str, Tool[Any]] = {**LOOP_METHODS, **FILLERS, **FRAME_METHODS}
-_QUICK = ("enneper-0.8", "tennis-seam", "random-1", "random-1@even", "random-1@uneven", "plane-l", "schwarz-d-quad")
+_QUICK = ("enneper-0.8", "tennis-seam", "random-1", "random-1@even", "random-1@uneven")
 _SLOW = ("pymeshlab",)  # methods that the short run measures on two cases only
 _COMPARED = ("spinor", "libigl", "libigl-uniform")  # methods that are measured at all samplings of the curves
 
@@ -88,10 +88,10 @@ def suite_tasks(name: str, settings: Settings) -> Iterator[Task]:
                 yield {"suite": name, "method": method, "case": case, "n": n, **common}
 
 
-def _known_cases(settings: Settings) -> Iterable[str]:
-    """The known cases in all samplings, and the cases "random-SEED" that the settings name."""
+def _curves(settings: Settings) -> Iterable[str]:
+    """The smooth cases in all samplings, and the cases "random-SEED" that the settings name."""
     named = [name for name in settings.cases if name.removeprefix("random-").partition("@")[0].isdigit()]
-    return dict.fromkeys((*KNOWN, *SAMPLED, *named))
+    return dict.fromkeys((*SMOOTH, *SAMPLED, *named))
 
 
 def _loop_points(settings: Settings, method: str, case: str) -> Iterable[int]:
@@ -113,7 +113,7 @@ def _cut_outs(settings: Settings) -> Iterable[str]:
 
 
 SUITES: Mapping[str, Suite] = {
-    "disks": Suite(_known_cases, LOOP_METHODS, quick=lambda _: _QUICK, repeat=None, points=_loop_points),
+    "disks": Suite(_curves, LOOP_METHODS, quick=lambda _: _QUICK, repeat=None, points=_loop_points),
     "fills": Suite(lambda _: KNOWN, FILLERS, quick=lambda _: _QUICK[:1], repeat=None, points=_hole_points),
     "odd": Suite(lambda _: odd_holes(), FILLERS),
     "cut-outs": Suite(_cut_outs, SMOOTHEST, quick=lambda _: ("icosphere-3-0.7", "torus-outside-0.4"), repeat=1),

@@ -49,7 +49,7 @@ def _disk(task: Task) -> Record:
     loop = case.loop(task["n"])
     timed, (surface, mesh) = _timed(lambda: (partial(LOOP_METHODS[task["method"]].call, loop), _same), task["repeat"])
     figures = disk_figures(surface, mesh, loop, case)
-    if task["method"] == "spinor" and case.kind == "smooth" and task["n"] >= LEAST_POINTS:
+    if task["method"] == "spinor" and task["n"] >= LEAST_POINTS:
         figures["limit_error"] = points_limit(case, task["n"])
     return {**timed, **figures}
 

@@ -120,7 +120,6 @@ def test_a_killed_run_goes_on(tmp_path, monkeypatch):
     assert ours["status"] == theirs["status"] == "done"
     assert ours["area_error"] < 1e-6 < theirs["area_error"] < 0.05
     assert ours["distance_max"] < 0.01
-    assert by_method["spinor", "plane-square", 16]["mesh_area_error"] < 1e-14
     assert by_method["spinor-fill", "plane-square", 16]["open_rim_edges"] == 0
     run_tables.write(run)
     text = (folder / run_tables.PAGE).read_text(encoding="utf-8")
@@ -144,7 +143,7 @@ def test_the_command_measures_and_reports_what_is_missed(tmp_path, capsys, monke
     pytest.importorskip("torch")
     monkeypatch.setattr(runner, "run_isolated", in_this_process)
     folder = tmp_path / "run"
-    chosen = ["--suite", "disks", "--cases", "plane-square", "--methods", "spinor,libigl"]
+    chosen = ["--suite", "disks", "--cases", "enneper-0.5", "--methods", "spinor,libigl"]
     status = main(["bench", "--quick", *chosen, "-o", str(folder)])
     assert status == 0
     assert (folder / run_tables.PAGE).exists()
