@@ -35,6 +35,13 @@ def up_axis(path: str | os.PathLike[str] | None) -> Literal["y", "z"]:
     return "z" if path is not None and Path(path).suffix.lower() in Z_UP else "y"
 
 
+def regular_file(path: str | os.PathLike[str]) -> Path:
+    """The path of a file to be read. Raises an OSError for a folder, a device or a pipe, which may have no end."""
+    if not stat.S_ISREG(os.stat(path).st_mode):
+        raise OSError(errno.EINVAL, "it is not a regular file", os.fspath(path))
+    return Path(path)
+
+
 @contextmanager
 def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     """A temporary path to write to, which is renamed to `path` if the context ends without an error.

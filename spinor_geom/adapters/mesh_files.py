@@ -27,7 +27,7 @@ from spinor_geom.adapters.textures import Appearance, Companions, Texture, Textu
 from spinor_geom.adapters.threemf import encode_3mf, read_3mf
 from spinor_geom.adapters.vertex_data import append_attributes
 from spinor_geom.errors import MeshError, MeshFileError, NonFiniteVertexError, PrecisionError, require, require_type
-from spinor_geom.files import atomic_path, safe_name, together
+from spinor_geom.files import atomic_path, regular_file, safe_name, together
 from spinor_geom.mesh.array_checks import nonfinite_rows, with_finite_rows
 from spinor_geom.mesh.topology import coincident_vertices
 from spinor_geom.mesh.triangle_mesh import MeshExtension, Stored, TriangleMesh, Within, require_finite
@@ -373,7 +373,7 @@ def read_mesh(path: str | os.PathLike[str]) -> MeshFile:
     suffix = known_suffix(source)
     with path_in_errors(source):
         try:
-            data = source.read_bytes()
+            data = regular_file(source).read_bytes()
         except OSError as error:
             problem = f"cannot be read ({error.strerror or error})"
             raise malformed("", problem, "check the name and the access rights") from error

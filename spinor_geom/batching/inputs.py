@@ -15,7 +15,7 @@ from typing import IO, Any
 from spinor_geom.batching.archives import is_archive
 from spinor_geom.batching.settings import Limits
 from spinor_geom.errors import BatchError
-from spinor_geom.files import MESH_SUFFIXES, safe_name
+from spinor_geom.files import MESH_SUFFIXES, regular_file, safe_name
 from spinor_geom.isolate import FaultError, Process
 
 MANIFESTS = (".csv", ".jsonl")
@@ -181,7 +181,7 @@ class Inputs:
     def _of_manifest(self, path: Path, label: str) -> Iterator[Source]:
         """The files named by a manifest, relative to its folder: a CSV column "path", or JSON lines."""
         try:
-            with path.open(encoding="utf-8-sig", newline="") as file:
+            with regular_file(path).open(encoding="utf-8-sig", newline="") as file:
                 rows = _csv_rows(file) if path.suffix.lower() == ".csv" else _json_rows(file)
                 for number, entry in rows:
                     parts = [label, f"{number}"]  # the number makes keys unique: a file may be listed twice

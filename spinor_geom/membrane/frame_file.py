@@ -19,6 +19,7 @@ from spinor_geom.adapters.cad_edges import edges_of, outer_parts, parts_of
 from spinor_geom.adapters.cad_objects import cad_shapes
 from spinor_geom.adapters.open_cascade import STEP, named_parts
 from spinor_geom.errors import MeshFileError, OptionError, SpinorGeomError
+from spinor_geom.files import regular_file
 from spinor_geom.membrane.cables import Cable, Edge, Ring, Stay, SymmetryPlane
 from spinor_geom.mesh.open_curve import OpenCurve
 from spinor_geom.mesh.rational_splines import NurbsCurve
@@ -53,7 +54,7 @@ def read_frame(path: str | os.PathLike[str]) -> list[Edge]:
     is_step = Path(path).suffix.lower() in STEP
     try:
         # an integer of thousands of digits is an error
-        content = named_parts(path) if is_step else json.loads(Path(path).read_bytes(), parse_int=float)
+        content = named_parts(path) if is_step else json.loads(regular_file(path).read_bytes(), parse_int=float)
     except (json.JSONDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise MeshFileError(f"{os.fspath(path)}: is no JSON file ({error})", path=path) from error
     try:

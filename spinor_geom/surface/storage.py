@@ -21,7 +21,7 @@ from spinor_geom.domain.plane_domain import Boundary, FourierBoundary, PlaneDoma
 from spinor_geom.domain.quadrature import rule
 from spinor_geom.domain.triangulation import PlaneTriangulation
 from spinor_geom.errors import StorageError
-from spinor_geom.files import SURFACE_SUFFIX, atomic_path
+from spinor_geom.files import SURFACE_SUFFIX, atomic_path, regular_file
 from spinor_geom.holomorphic.model import rebuild, saved_arrays
 
 if TYPE_CHECKING:
@@ -78,11 +78,12 @@ def read(path: str | os.PathLike[str]) -> dict[str, Any]:
     """The arguments of the `SpinorSurface` in a file."""
     name = os.fspath(path)
     try:
-        with safetensors.safe_open(name, framework="np") as file:
+        with safetensors.safe_open(regular_file(name), framework="np") as file:
             tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118 - not a mapping
             description = json.loads((file.metadata() or {}).get("description", "{}"))
     except (OSError, ValueError, RecursionError, safetensors.SafetensorError) as error:
-        raise StorageError(f"{name} cannot be read as a saved surface: {error}", path=name) from error
+        problem = getattr(error, "strerror", None) or error
+        raise StorageError(f"{name} cannot be read as a saved surface: {problem}", path=name) from error
     if not isinstance(description, dict) or description.get("format") != FORMAT:
         raise StorageError(f"{name} is not a saved surface: its header has no format {FORMAT!r}", path=name)
     if (version := description.get("version")) != VERSION:

@@ -525,6 +525,36 @@ def test_links_in_a_circle_are_one_sentence_as_input_and_replaced_as_output(
     assert link.is_file()
 
 
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="named pipes are made by POSIX systems")
+@pytest.mark.parametrize(
+    ("command", "name", "output"),
+    [
+        ("fill", "mesh.obj", "out.obj"),
+        ("loops", "mesh.ply", ""),
+        ("solve", "curve.obj", "out.step"),
+        ("membrane", "frame.json", "out.obj"),
+        ("render", "surface.safetensors", "out.png"),
+        ("batch", "list.csv", "out"),
+    ],
+)
+def test_pipes_without_a_writer_and_devices_are_refused_at_once(
+    command: str, name: str, output: str, tmp_path: Path
+) -> None:
+    os.mkfifo(tmp_path / name)
+    (tmp_path / "device").mkdir()
+    os.symlink("/dev/zero", tmp_path / "device" / name)
+    for source in (tmp_path / name, tmp_path / "device" / name):
+        done = run_alone(
+            command, source, *(["-o", source.with_name(output)] if output else []), stdout=subprocess.DEVNULL
+        )
+        if command == "batch":  # one input of several
+            assert done.returncode == 1
+            assert "not a regular file" in (source.with_name(output) / "failures.log").read_text()
+        else:
+            assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+            assert "not a regular file" in done.stderr
+
+
 def test_a_terminated_fill_leaves_no_temporary_files(mesh_path: Path, tmp_path: Path) -> None:
     (tmp_path / "out.obj").write_text("old")
     program = """if True:
