@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from itertools import pairwise, product
+from itertools import compress, pairwise, product
 from typing import Any
 
 import numpy as np
@@ -104,23 +104,19 @@ class _Arc:
 
     def loops(self, planes: MirrorPlanes) -> Iterator[BoundaryLoop]:
         """The closed curves of its images. The first begins with the curve itself."""
-        left = list(product((False, True), repeat=len(planes.normals)))
-        while left:
-            first = element = left[0]
-            points, flags = [], []
-            while True:
-                for back in (False, True):
-                    left.remove(element)
-                    image = planes.image(self.points, element)
-                    # the ends, on the planes, are those of the first image, bit for bit
-                    points.append(image[-2:0:-1] if back else image)
-                    flags.append(self.corners[-2:0:-1] if back else self.corners)
-                    across = self.planes[0 if back else 1]
-                    element = tuple(one != (k == across) for k, one in enumerate(element))
-                if element == first:
-                    break
-            corners: Any = "auto" if self.is_detected else np.flatnonzero(np.concatenate(flags))
-            yield BoundaryLoop.from_points(np.concatenate(points), corners=corners)
+        first, last = self.planes
+        around = [(), (last,)] if first == last else [(), (last,), (first, last), (first,)]
+        others = [k for k in range(len(planes.normals)) if k not in self.planes]
+        corners = np.concatenate([self.corners, self.corners[-2:0:-1]] * (len(around) // 2))
+        for beyond in product((False, True), repeat=len(others)):
+            points = []
+            for number, turned in enumerate(around):
+                across = (*turned, *compress(others, beyond))
+                image = planes.image(self.points, [k in across for k in range(len(planes.normals))])
+                # the ends, on the planes, are those of the image before or after, bit for bit
+                points.append(image[-2:0:-1] if number % 2 else image)
+            found: Any = "auto" if self.is_detected else np.flatnonzero(corners)
+            yield BoundaryLoop.from_points(np.concatenate(points), corners=found)
 
 
 def _turns(points: Float[np.ndarray, "m 3"], corners: np.ndarray, place: int, normal: Float[np.ndarray, "3"]) -> bool:

@@ -41,7 +41,10 @@ class Isometries:
         return len(self.shifts)
 
     def __getitem__(self, index: slice | Int[np.ndarray, " n"]) -> Isometries:
-        return Isometries(rotations=self.rotations[index], shifts=self.shifts[index], odd=self.odd[index])
+        return Isometries(**{name: values[index] for name, values in vars(self).items()})
+
+    def __add__(self, others: Isometries) -> Isometries:
+        return Isometries(**{name: np.concatenate([own, vars(others)[name]]) for name, own in vars(self).items()})
 
     def points(self, r: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "k *n 3"]:
         """The images of points."""

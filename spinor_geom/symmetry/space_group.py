@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial import cKDTree
 
 from spinor_geom.errors import OptionError
 from spinor_geom.symmetry.side_symmetries import Isometries
 
 _MOST = 96  # a crystal class has at most 48 elements, with and without a change of orientation
 _MOST_COPIES = 1000  # which take seconds: each is compared with all others
+_NO_LATTICE = np.zeros((0, 3))
 _CLOSE = 1e-6  # distances up to this share of the size of the piece count as 0
 
 
@@ -23,8 +21,8 @@ def within_steps(sides: Isometries, points: Float[np.ndarray, "n 3"], size: floa
     """
     found = newest = _identity()
     for _ in range(steps):
-        found, before = _distinct(_joined([found, newest.composed(sides)]), points, size), len(found)
-        newest = found[before:]
+        newest = _new(newest.composed(sides), found, points, size)
+        found = found + newest
         if len(found) > _MOST_COPIES:
             raise OptionError(
                 f"more than {_MOST_COPIES} copies are reached across {steps} sides; give fewer, or repeat a cell"
@@ -44,7 +42,7 @@ def periodic_cell(
     """
     found = newest = _identity()
     while len(newest):
-        joined = _joined([found, newest.composed(sides)])
+        joined = found + newest.composed(sides)
         kept = _first_alike(_directions(joined))
         newest, found = joined[kept[kept >= len(found)]], joined[kept]
         if len(found) > _MOST:
@@ -63,14 +61,6 @@ def _identity() -> Isometries:
     return Isometries(rotations=np.eye(3)[None], shifts=np.zeros((1, 3)), odd=np.zeros(1, dtype=bool))
 
 
-def _joined(parts: Sequence[Isometries]) -> Isometries:
-    return Isometries(
-        rotations=np.concatenate([part.rotations for part in parts]),
-        shifts=np.concatenate([part.shifts for part in parts]),
-        odd=np.concatenate([part.odd for part in parts]),
-    )
-
-
 def _directions(g: Isometries) -> Float[np.ndarray, "k 10"]:
     return np.column_stack([g.rotations.reshape(-1, 9), g.odd])
 
@@ -81,30 +71,27 @@ def _first_alike(rows: Float[np.ndarray, "k c"]) -> np.ndarray:
     return np.flatnonzero(alike.argmax(axis=1) == np.arange(len(rows)))
 
 
-def _distinct(g: Isometries, points: Float[np.ndarray, "n 3"], size: float) -> Isometries:
-    """One isometry for each different image of the piece.
+def _new(
+    g: Isometries,
+    known: Isometries,
+    points: Float[np.ndarray, "n 3"],
+    size: float,
+    lattice: Float[np.ndarray, "rank 3"] = _NO_LATTICE,
+) -> Isometries:
+    """The isometries whose images of the piece differ from those of known ones and from each other, modulo a lattice.
 
     Images are equal if their centres and the sets of their corners are. `points` are the centre of the rims, and the
     corners.
     """
-    images = g.points(points)
-    first, second = cKDTree(images[:, 0]).query_pairs(_CLOSE * size, output_type="ndarray").T
-    gaps = np.linalg.norm(images[first, :, None] - images[second, None], axis=3)
-    return g[np.setdiff1d(np.arange(len(g)), second[gaps.min(axis=2).max(axis=1) < _CLOSE * size])]
-
-
-def _alike(
-    image: Float[np.ndarray, "n 3"],
-    others: Float[np.ndarray, "k n 3"],
-    size: float,
-    lattice: Float[np.ndarray, "rank 3"],
-) -> np.ndarray:
-    """Which other images are equal to one, modulo a lattice."""
-    away = image[0] - others[:, 0]
-    shift = np.round(away @ np.linalg.pinv(lattice)) @ lattice
-    near = np.flatnonzero(np.linalg.norm(away - shift, axis=1) < _CLOSE * size)
-    gaps = np.linalg.norm(image[:, None] - (others[near] + shift[near, None])[:, None], axis=3)
-    return np.asarray(near[gaps.min(axis=2).max(axis=1) < _CLOSE * size])
+    images, kept = (known + g).points(points), np.arange(len(known))
+    for k in range(len(known), len(images)):
+        away = images[k, 0] - images[kept, 0]
+        shift = np.round(away @ np.linalg.pinv(lattice)) @ lattice
+        near = np.linalg.norm(away - shift, axis=1) < _CLOSE * size
+        others = images[kept[near]] + shift[near, None]
+        gaps = np.linalg.norm(images[k, :, None] - others[:, None], axis=3).min(axis=1).max(axis=1)
+        kept = kept if (gaps < _CLOSE * size).any() else np.append(kept, k)
+    return (known + g)[kept[len(known) :]]
 
 
 def _compact(
@@ -112,15 +99,11 @@ def _compact(
 ) -> Isometries:
     """A copy of each class modulo a lattice, each the neighbour nearest to the centroid of those before."""
     cell, border = _identity(), sides
-    while True:
-        images, outside = cell.points(points), border.points(points)
-        free = [k for k, one in enumerate(outside) if not len(_alike(one, images, size, lattice))]
-        if not free:
-            return cell
-        border = border[np.array(free)]
-        away = np.linalg.norm(outside[free, 0] - images[:, 0].mean(axis=0), axis=1)
+    while len(border := _new(border, cell, points, size, lattice)):
+        away = np.linalg.norm(border.points(points)[:, 0] - cell.points(points)[:, 0].mean(axis=0), axis=1)
         nearest = border[np.flatnonzero(away < away.min() + _CLOSE * size)[:1]]
-        cell, border = _joined([cell, nearest]), _joined([border, nearest.composed(sides)])
+        cell, border = cell + nearest, border + nearest.composed(sides)
+    return cell
 
 
 def _basis(translations: Float[np.ndarray, "k 3"], close: float) -> Float[np.ndarray, "rank 3"]:
