@@ -1,11 +1,9 @@
-"""Newton's equations for integrals along paths: solutions of least norm, in double and in single precision."""
+"""Newton's equations for integrals along paths: solutions of least norm."""
 
 import numpy as np
-import pytest
 
 import spinor_geom as sg
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
-from spinor_geom.plateau.vertices import point_equations
 from spinor_geom.plateau.vertices.point_equations import PointEquations
 from spinor_geom.surface.formulas import null_vector
 from tests.holomorphic.test_cauchy_sums import random_complex
@@ -46,24 +44,6 @@ def test_the_new_readouts_are_the_nearest_to_given_ones() -> None:
     assert np.abs(changes(by_p, by_q, step) + error).max() < 1e-4  # as above
     # from the given ones they differ by what the equations require
     np.testing.assert_allclose(step + away, linear.step(error - changes(by_p, by_q, away), None), atol=1e-9)
-
-
-def test_single_precision_is_corrected(monkeypatch: pytest.MonkeyPatch) -> None:
-    by_p, by_q, error = equations(60, features=120)
-    before = np.roll(np.arange(60), 1)
-    double = PointEquations.of(by_p, by_q, before)
-    monkeypatch.setattr(point_equations, "_MANY", 0)
-    single = PointEquations.of(by_p, by_q, before)
-    assert single.factor.dtype == np.float32
-    for factor in (1.0, -2.0):
-        left = changes(by_p, by_q, single.step(factor * error, None)) + factor * error
-        exactly = changes(by_p, by_q, double.step(factor * error, None)) + factor * error
-        assert np.linalg.norm(left - exactly) < 2e-3 * np.linalg.norm(factor * error)  # twice the accuracy asked for
-        assert single.directions
-    # the second right side is solved with the directions of the first
-    count = len(single.directions)
-    single.step(error, None)
-    assert len(single.directions) == count
 
 
 def test_saw_teeth_are_met() -> None:
