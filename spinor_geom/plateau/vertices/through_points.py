@@ -37,10 +37,8 @@ from spinor_geom.surface.formulas import phi
 # repeated with them: for 1 in 25 rims cut along triangles, with 10 nodes for every third.
 NODES = 14
 # Step lengths to try. Without the last one three of sixty rims cut along triangles keep a residual of 1e-3 of an edge.
-# Shorter steps improve none. With an old linearisation they are tried for rims of more than _LONG points: they save a
-# second linearisation of 1,200 points with 30 % noise, a third of the time, and cost a third one of 600 points.
+# Shorter steps improve none.
 _LENGTHS = (1.0, 0.5, 0.25)
-_LONG = 1000
 # A linearisation takes as long as one step for every 30 points. Before the next linearisation, one slow step, which
 # does not halve the distance, is allowed for every 100 points. For short rims a linearisation takes little time and
 # leads to closer solutions: with slow steps three of sixty rims cut along triangles keep a residual of 1e-3 of an edge.
@@ -306,7 +304,7 @@ def nearest_through(
         step = linear.step(here.error, readout - start if fresh else None)
         if slow:
             step = _updated(step, taken)
-        for length in _LENGTHS if fresh or n > _LONG else _LENGTHS[:1]:
+        for length in _LENGTHS:
             there = here.at(readout + length * step)
             if there.distance < here.distance:
                 break
