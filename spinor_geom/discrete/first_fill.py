@@ -21,7 +21,7 @@ _DIAGONAL_WEIGHT = 1e-4  # of squared diagonals in the cost: breaks ties of the 
 _TO_EQUILATERAL = 0.05  # weight of 60° in the angles of the straightening: none is then below 3°
 
 
-def unfolded_loop(points: Float[np.ndarray, "m 3"], *, saws: bool = False) -> Complex[np.ndarray, " m"]:
+def unfolded_loop(points: Float[np.ndarray, "m 3"]) -> Complex[np.ndarray, " m"]:
     """A simple plane polygon with a vertex for each point of a closed curve, with nearly the same edge lengths.
 
     The minimum-area triangulation of the curve has no inner vertices, so it unfolds into the plane without distortion,
@@ -47,7 +47,7 @@ def unfolded_loop(points: Float[np.ndarray, "m 3"], *, saws: bool = False) -> Co
 
     try:
         neumann = DirichletToNeumann(laplacian, len(corners))
-        flat = flatten_boundary(edge, turning, neumann, clearance=1.0, saws=saws)
+        flat = flatten_boundary(edge, turning, neumann, clearance=1.0)
     except DomainError as error:
         raise FirstFillError(
             f"no first fill was found for a loop of {len(points)} points: its least-area triangulation does not unfold "

@@ -164,16 +164,14 @@ def flatten_boundary(
     *,
     clearance: float = CLEARANCE,
     holes: Rims = (),
-    saws: bool = False,
     drawn: Drawn | None = None,
 ) -> Flattening:
     """`flatten` from the edge lengths, the turning angles at u = 0 and the operator Λ. Raises the same errors.
 
-    A gap below the clearance, in local edge lengths, is accepted if no larger one is found. With `saws`, the term u·Λu
-    is left out: the boundary then has fewer notches, but may zigzag from vertex to vertex. The caller must smooth it.
+    A gap below the clearance, in local edge lengths, is accepted if no larger one is found.
     """
     rims = (len(edge) - sum(holes), *holes)
-    plain, lobed = itertools.tee(_layouts(edge, turning, neumann, rims, saws=saws))
+    plain, lobed = itertools.tee(_layouts(edge, turning, neumann, rims))
     for families in (plain, ([partial(_untangled, layout) for layout in family] for family in lobed)):
         flat = _least_straightened(families, edge, neumann, clearance, drawn)
         if flat is not None:
@@ -228,7 +226,7 @@ def _least_straightened(
 
 
 def _layouts(
-    edge: PerVertex, turning: PerVertex, neumann: DirichletToNeumann, rims: Rims, *, saws: bool
+    edge: PerVertex, turning: PerVertex, neumann: DirichletToNeumann, rims: Rims
 ) -> Iterator[Sequence[Layout]]:
     """Families of layouts of the rims: the one at u = 0, then those for each width of the smoothing."""
     holes = [slice(start, end) for start, end in itertools.pairwise(np.cumsum(rims).tolist())]
@@ -253,7 +251,7 @@ def _layouts(
 
     if not holes:
         yield [cache(partial(laid_out, turning, np.zeros(len(edge))))]
-    for family in _straightened(edge, turning, neumann, rims, saws=saws):
+    for family in _straightened(edge, turning, neumann, rims):
         yield [cache(partial(closed, u, solve)) for u, solve in family]
 
 
@@ -264,7 +262,7 @@ def _parts(values: PerVertex, rims: Rims) -> list[PerVertex]:
 
 
 def _straightened(
-    edge: PerVertex, turning: PerVertex, neumann: DirichletToNeumann, rims: Rims, *, saws: bool
+    edge: PerVertex, turning: PerVertex, neumann: DirichletToNeumann, rims: Rims
 ) -> Iterator[Sequence[tuple[PerVertex, Solver]]]:
     """The minimisers u of `flatten` by width and strength, and solvers of the systems that they satisfy.
 
@@ -277,8 +275,7 @@ def _straightened(
     even[rims[0] :] *= -1
     diagonal = ds / length**2
     try:
-        # without Λ here slivers cause oscillations from vertex to vertex, which S removes from the objective
-        solve = (lambda load: (load.T / diagonal).T) if saws else neumann.solver(diagonal, 1 / length)
+        solve = neumann.solver(diagonal, 1 / length)
     except SingularMatrixError:
         return
     if len(rims) > 1:

@@ -16,19 +16,13 @@ from spinor_geom.mesh.boundary_loop import MIN_LOOP_WITH_CORNERS, BoundaryLoop, 
 from spinor_geom.mesh.curve import SAMPLES_PER_PIECE, BoundaryCurve
 from spinor_geom.plateau.annulus import RimDisks
 from spinor_geom.plateau.disk_search import ThinnedLoop, find_disks, lower_beside, replace_unstable
-from spinor_geom.plateau.harmonic.harmonic_route import (
-    FLATTENING,
-    MOST_FREE_POINTS,
-    UNFOLDING,
-    UNIT_DISK,
-    HarmonicSolver,
-)
+from spinor_geom.plateau.harmonic.harmonic_route import FLATTENING, MOST_FREE_POINTS, UNIT_DISK, HarmonicSolver
 from spinor_geom.plateau.network.network_route import NETWORK, PARTS_OF_A_SIDE
 from spinor_geom.plateau.options import Options
 from spinor_geom.plateau.plane_route import PLANE, lie_in_plane
 from spinor_geom.plateau.problem import PlateauProblem, Route
 from spinor_geom.plateau.rims.rims_route import RimsSolver, obstacle
-from spinor_geom.plateau.roughness import has_stray_corners, is_predicted, is_ragged, is_rough
+from spinor_geom.plateau.roughness import has_stray_corners, is_predicted, is_rough
 from spinor_geom.plateau.route_result import FAILURES, NoConnectedSurfaceError, RouteResult, typed_failures
 from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution
 from spinor_geom.plateau.steps import SPENT, Clock
@@ -65,12 +59,12 @@ def _plan_for_disk(problem: PlateauProblem, in_plane: tuple[Route, ...]) -> tupl
         network = () if through and has_stray_corners(loop) else (NETWORK,)
         return (*in_plane, *network, *through)
     if may_be_free and _shows_no_curve(loop, curve):
-        return (*in_plane, THROUGH_POINTS, *(() if is_ragged(loop) else (FLATTENING, UNFOLDING)))
+        return (*in_plane, THROUGH_POINTS, FLATTENING)
     is_wide = loop.elongation < _DISK_ELONGATION and not is_rough(loop, curve)
     last: tuple[Route, ...] = (NETWORK,)
     if may_be_free:
         last = (NETWORK, THROUGH_POINTS) if is_predicted(loop) else (THROUGH_POINTS, NETWORK)
-    return (*in_plane, *((UNIT_DISK,) if is_wide else ()), FLATTENING, UNFOLDING, *last)
+    return (*in_plane, *((UNIT_DISK,) if is_wide else ()), FLATTENING, *last)
 
 
 def _plan_between(problem: PlateauProblem, in_plane: tuple[Route, ...]) -> tuple[Route, ...]:
@@ -136,8 +130,6 @@ def nearest_surface(routes: Sequence[Route], problem: PlateauProblem) -> RouteRe
     for route in routes:
         if is_out_of_time() and route is not PLANE:  # PLANE takes no time
             break
-        if route is UNFOLDING and best is not None and best.route == "flattened":
-            continue  # the unfolding is for loops whose flattening is not simple or not resolved
         try:
             with typed_failures():
                 found = route.solve(problem)
@@ -188,7 +180,7 @@ def minimal_disk(problem: PlateauProblem, routes: tuple[Route, ...]) -> PlateauS
         solution = replace_unstable(solution, partial(_lower_on_disk, problem), where)
     # Plane disks are stable, disks through points are close to a discrete minimum, and trained ones are not replaced.
     # The stability of a disk far from Γ does not determine that of disks over Γ.
-    elif solution.route in ("disk", "flattened", "unfolded", "network") and solution.converged:
+    elif solution.route in ("disk", "flattened", "network") and solution.converged:
         is_harmonic = problem.options.is_automatic and not problem.loop.corners.any()
         downhill = (FLATTENING, NETWORK) if is_harmonic else (NETWORK,)
 

@@ -11,8 +11,6 @@ from spinor_geom.mesh.interpolation import missed
 # of 0.04 edges, and by more than this share of what lines through two neighbours do. Of 2,400 smooth curves of 32 to 96
 # points with uneven spacing 19 are rough, all of at most 48 points.
 _HARDLY_LESS = 0.75
-# Above this share of an edge no smooth curve was met over 14 rims of meshes that have no surface through their points.
-_RAGGED = 0.5
 ROUGH_GRADIENT = 3e-2  # relative gradient to stop at on rough loops, as a share of the tolerance
 
 
@@ -42,11 +40,6 @@ def is_rough(loop: BoundaryLoop, curve: BoundaryCurve) -> bool:
 def is_predicted(loop: BoundaryLoop) -> bool:
     """Whether neighbours predict the points of a loop, so that they lie on a smooth curve."""
     return roughness(loop) <= PREDICTED or _mean_missed(loop, 2) <= _HARDLY_LESS * _mean_missed(loop, 1)
-
-
-def is_ragged(loop: BoundaryLoop) -> bool:
-    """Whether a loop is so rough that no minimal surface over a smooth curve through its points is found."""
-    return roughness(loop) > _RAGGED
 
 
 def has_stray_corners(loop: BoundaryLoop) -> bool:

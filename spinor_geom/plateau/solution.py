@@ -45,7 +45,6 @@ RouteName = Literal[
     "circles",
     "network on circles",
     "flattened",
-    "unfolded",
     "network",
     "trained",
     "mirrored",
@@ -64,8 +63,8 @@ class PlateauSolution(Shown):
             is not resolved along ∂Ω.
         route: the route that found the surface.
             "plane": the region inside the plane loop is Ω, and p and q are constant.
-            "disk", "flattened", "unfolded": Douglas's method on the unit disk, or on a smooth domain near a flattened
-            discrete disk or the unfolded least-area triangulation. p and q are a power series or Cauchy's formula.
+            "disk", "flattened": Douglas's method on the unit disk, or on a smooth domain near a flattened discrete
+            disk. p and q are a power series or Cauchy's formula.
             "vertices": the surface through the points of rough loops that is nearest to a discrete minimal disk, or to
             the surface over averages of several loops. Γ between the points is the surface's own boundary.
             "network", "annular network": Gauss-Newton for a Cauchy network on a flattened discrete disk or annulus.

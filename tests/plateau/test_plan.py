@@ -52,9 +52,9 @@ def problem_of(loop, *, model="auto", between="free", tolerance=1e-3, on_iterati
 # --- the plan ---------------------------------------------------------------------------------------------------------
 
 SMOOTH_ONLY = {"between": "smooth"}
-HARMONIC = ("flattened", "unfolded", "network")
+HARMONIC = ("flattened", "network")
 FREE = (*HARMONIC, "vertices")
-ROUGH = ("vertices", "flattened", "unfolded")
+ROUGH = ("vertices", "flattened")
 PLANS = {
     "smooth": (SMOOTH, SMOOTH_ONLY, ("disk", *HARMONIC)),
     "smooth, free": (SMOOTH, {}, ("disk", *FREE)),
@@ -62,7 +62,6 @@ PLANS = {
     "long": (gallery.ellipse(4.0, 0.3).sample(64), {}, FREE),
     "rough": (noisy_ellipse(100), SMOOTH_ONLY, HARMONIC),
     "rough, free": (noisy_ellipse(100), {}, ROUGH),
-    "ragged, free": (noisy_ellipse(100, amount=0.5), {}, ("vertices",)),
     "uneven, free": (uneven(64), {}, ("disk", *FREE)),
     "rough, free, many": (noisy_ellipse(1600, amount=0.2), {}, HARMONIC),
     "few, free": (FEW, {}, ROUGH),

@@ -13,13 +13,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
-from jaxtyping import Complex, Float
+from jaxtyping import Float
 from scipy.fft import next_fast_len
 
 from spinor_geom.arrays import Array, namespace, to_numpy
 from spinor_geom.deadline import is_out_of_time
 from spinor_geom.discrete.area_descent import Disk
-from spinor_geom.discrete.first_fill import unfolded_loop
 from spinor_geom.discrete.minimal_surface import finer_disk, first_disk
 from spinor_geom.domain.flattening import flatten
 from spinor_geom.errors import DomainError, OutOfTimeError, SingularMatrixError
@@ -94,12 +93,13 @@ class HarmonicSolver:
 
         If the surface on it is far from Γ, a finer discrete disk is flattened.
         """
-        disk, (t, points) = self.problem.start, self._points
+        disk = self.problem.start
         if disk is not None:
             t = self._density.parameter(self.problem.curve.breaks[start_indices(self.problem.unit)])
             return self._fitted(self._on_flattened(disk, t), "flattened")
+        t = np.arange(self._density.points) / self._density.points
         with self.problem.clock.stage("first fill"):
-            disk = first_disk(points)
+            disk = first_disk(self.problem.curve.point(self._density.slide(t)))
         try:
             fit = self._on_flattened(disk, t)
         except DomainError:
@@ -124,11 +124,8 @@ class HarmonicSolver:
         """
         with self.problem.clock.stage("first fill"):
             finer = finer_disk(disk, len(t))
-        return self._lifted(self._on_flattened(finer, t))
-
-    def _lifted(self, fit: DiskFit) -> DiskFit:
-        """The fit. Raises a DomainError if p and q of its harmonic surface over a smooth loop do not close up."""
-        if not self.is_rough and self._distance(fit) == math.inf:
+        fit = self._on_flattened(finer, t)
+        if self._distance(fit) == math.inf:
             raise DomainError(
                 "the domain is too far from conformal for a minimal disk", vertices=len(self.problem.unit)
             )
@@ -141,36 +138,10 @@ class HarmonicSolver:
         return math.inf if lift is None else self._in_edges(lift.misfit)
 
     def _on_flattened(self, disk: Disk, t: Float[np.ndarray, " k"]) -> DiskFit:
-        """A fit on a smooth Ω fitted to a flattened discrete disk with boundary parameters t."""
-        with self.problem.clock.stage("flattening"):
-            polygon = flatten(disk.vertices, disk.faces, len(t)).boundary
-        return self._on_domain(polygon, t)
-
-    def on_unfolding(self) -> RouteResult:
-        """The minimal disk on a smooth Ω fitted to the unfolded least-area triangulation of the loop."""
-        t, points = self._points
-        with self.problem.clock.stage("first fill"):
-            polygon = unfolded_loop(points, saws=True)
-        return self._fitted(self._lifted(self._on_domain(polygon, t)), "unfolded")
-
-    @property
-    def _points(self) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k 3"]]:
-        """Parameters of ∂Ω and points of Γ that define Ω."""
-        even = np.arange(self._density.points) / self._density.points
-        return even, self.problem.curve.point(self._density.slide(even))
-
-    @cached_property
-    def _density(self) -> NodeDensity:
-        return NodeDensity(self.problem.curve, points_of_domain(self.problem.unit))
-
-    @property
-    def _unit_disk(self) -> DirichletForm:
-        return DirichletForm.of_disk(points_of_domain(self.problem.unit))
-
-    def _on_domain(self, polygon: Complex[np.ndarray, " k"], t: Float[np.ndarray, " k"]) -> DiskFit:
-        """A fit on the smooth Ω fitted to a polygon with parameters t, from a coarse slide."""
+        """A fit on the smooth Ω fitted to a flattened disk with boundary parameters t, from a coarse slide."""
         unit, place = self.problem.unit, self.problem.options.place
         with self.problem.clock.stage("flattening"):
+            polygon = flatten(disk.vertices, disk.faces, len(t)).boundary
             # Ω has at least one point per vertex
             is_fine = self.is_rough and len(unit) <= self._density.points
             shape, form = resolved(
@@ -196,6 +167,14 @@ class HarmonicSolver:
         if disk.crowded:
             raise DomainError("the nodes crowd on the domain's boundary", vertices=len(unit))
         return self._fit(form, disk.slide)
+
+    @cached_property
+    def _density(self) -> NodeDensity:
+        return NodeDensity(self.problem.curve, points_of_domain(self.problem.unit))
+
+    @property
+    def _unit_disk(self) -> DirichletForm:
+        return DirichletForm.of_disk(points_of_domain(self.problem.unit))
 
     def _begin(self) -> DiskFit:
         """A fit on the unit disk from equal steps. Node counts are rounded up by at most a quarter to share batches."""
@@ -300,7 +279,6 @@ class HarmonicSolver:
 
 UNIT_DISK = Route("disk", lambda problem: HarmonicSolver(problem=problem).on_unit_disk())
 FLATTENING = Route("flattened", lambda problem: HarmonicSolver(problem=problem).on_flattening())
-UNFOLDING = Route("unfolded", lambda problem: HarmonicSolver(problem=problem).on_unfolding())
 
 
 def begun_on_unit_disk(problems: Sequence[PlateauProblem]) -> list[Route]:
