@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
@@ -17,6 +18,9 @@ from spinor_geom.mesh.triangle_mesh import MeshExtension, Stored
 
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"  # what some editors put before UTF-8 text
 LONGEST_PROBLEM = 240  # characters
+COMMENT = rb"(?<!1\.)#[^\n]*"  # but not in 1.#QNAN
+# as C libraries write NaN and infinity
+_NO_NUMBER = re.compile(rb"^[+-]?(1\.#[A-Z]+0*|nan\([0-9A-Z]*\))$", re.IGNORECASE)
 UV = "texture coordinates"
 MOST_CHANGE = 1e-3  # of an edge, by rounding to single precision, relative to its length
 Value = TypeVar("Value")
@@ -165,7 +169,10 @@ def real_numbers(words: Sequence[bytes]) -> list[float]:
     """Words as numbers. Raises a ValueError if one is not a number, or has underscores (which `float` allows)."""
     if b"_" in b"".join(words):
         raise ValueError("underscore")
-    return list(map(float, words))
+    try:
+        return list(map(float, words))
+    except ValueError:
+        return [float(_NO_NUMBER.sub(b"nan", word)) for word in words]
 
 
 def convert_words(

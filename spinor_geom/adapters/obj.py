@@ -17,6 +17,7 @@ from jaxtyping import Float, Int
 
 from spinor_geom.adapters.contents import (
     BYTE_ORDER_MARK,
+    COMMENT,
     UV,
     FileContents,
     color_scale_of,
@@ -228,7 +229,7 @@ class _Block:
         ends = np.flatnonzero(np.frombuffer(data, np.uint8) == ord(NEWLINE))
         # comments first: one that ends with a backslash ends there, too, and so does a name, which may be a path
         joined = rb"(?m)^(?![ \t]*(?:[go]|usemtl|mtllib)[ \t])(.*)\\\n"
-        for mark, pattern in ((b"#", rb"()#[^\n]*"), (b"\\", joined)):
+        for mark, pattern in ((b"#", rb"()" + COMMENT), (b"\\", joined)):
             if mark in data:
                 data = re.sub(pattern, lambda match: match[1].ljust(len(match[0])), data)
         letters = np.array(np.frombuffer(data, np.uint8))

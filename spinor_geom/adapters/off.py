@@ -6,7 +6,7 @@ from itertools import chain, islice, pairwise
 
 import numpy as np
 
-from spinor_geom.adapters.contents import BYTE_ORDER_MARK, FileContents, malformed, text_rows
+from spinor_geom.adapters.contents import BYTE_ORDER_MARK, COMMENT, FileContents, malformed, text_rows
 from spinor_geom.adapters.ply import LONGEST_COUNT, contents_of_records
 from spinor_geom.adapters.records import Element, Property, Records, parse_rows, split_rows
 from spinor_geom.adapters.vertex_data import cast_values
@@ -14,6 +14,7 @@ from spinor_geom.errors import MeshFileError
 
 # in Geomview's order. The prefixes 4 and n (four or n coordinates) are not supported
 KEYWORD = re.compile(rb"(ST|st)?(C|c)?(N)?(?:OFF|off)$")
+REST_OF_COUNTS = re.compile(rb"[^\n]*\n?(?:(?:[ \t\r]*(?:#[^\n]*)?\n)*[ \t]*\d+[ \t\r]*(?:#[^\n]*)?\n)?")
 # ModelNet's files have the keyword and the first count in one word
 WORD = re.compile(rb"(?:ST|st)?[Cc]?N?(?:OFF|off)(?=\d)|[^\s#]+|#[^\n]*")
 SIZE = re.compile(rb"([3-9]|[1-9]\d{1,8})$")  # of a face
@@ -32,12 +33,15 @@ def read_off(data: bytes) -> FileContents:
     newline = (re.search(rb"\r\n|\n|\r", data) or [b"\n"])[0]
     text = data.replace(b"\r", b"\n") if newline == b"\r" else data
     keyword, vertex, face = _header(text)
-    start = text.find(b"\n", face.count_at[1]) + 1 or len(text)
-    words = (lambda line: line.partition(b"#")[0].split()) if b"#" in text else bytes.split
+    # the number of edges, which is not needed, may have a line of its own
+    start = next(REST_OF_COUNTS.finditer(text, face.count_at[1])).end()
+    words = (lambda line: re.sub(COMMENT, b"", line).split()) if b"#" in text else bytes.split
     suffix = ".off"
     try:
         rows, vertex = split_rows(text, start, vertex, words)
         face_rows, face = split_rows(text, vertex.stop, face, words)
+        if len(rows[0]) < 3:
+            raise malformed(vertex.line(0), "a vertex needs three coordinates", "correct the line")
     except MeshFileError:
         lines = [] if any(keyword) else text[face.count_at[1] :].splitlines()
         reflowed = _reflowed(list(chain.from_iterable(map(words, lines))), vertex.count, face.count)

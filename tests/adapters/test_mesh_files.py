@@ -197,6 +197,7 @@ def with_unused_nan(path: Path) -> Path:
     quads = CUBE_QUADS[:-1]
     quads = quads + 2 * (quads >= 3) + (quads >= 5)
     rows = [" ".join(map(repr, row)) for row in points.tolist()]
+    rows[3] = "1.#QNAN -1.#IND00 nan(ind)"  # as C libraries write NaN
     if path.suffix == ".obj":
         text = "".join(f"v {row}\n" for row in rows) + "vt nan nan\nvn nan 0 0\n"
         text += "".join(f"f {' '.join(map(str, quad))}\n" for quad in (quads + 1).tolist())

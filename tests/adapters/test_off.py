@@ -35,6 +35,8 @@ CUBE = f"OFF\n8 5 0\n{POINTS}{QUADS}"
         CUBE.replace("OFF\n8 5 0\n", "# one\n\tOFF8\t5 # two\n"),
         CUBE.replace("OFF\n", "off").replace("\n", "\r\n"),
         CUBE.replace("OFF\n8 5 0", "OFF 8 5 0 # counts"),
+        CUBE.replace("8 5 0", "8\n5\n0"),
+        CUBE.replace("8 5 0", "8 5\n# edges:\n\n 12 # unused").replace("4 0 1 3 2\n", "4 0 1 3 2 255 0 0\n"),
     ],
 )
 def test_forms_of_a_file_keep_their_quads_and_close(tmp_path: Path, text: str) -> None:
@@ -70,6 +72,10 @@ def test_round_trip_keeps_normals_colors_and_texture(
     assert back.polygons.rows() == grown.polygons.rows()
     for name, values in grown.mesh.vertex_attributes.items():
         assert np.array_equal(back.mesh.vertex_attributes[name], values)
+
+
+def test_a_number_on_each_line_is_read() -> None:
+    assert is_closed(parsed(CUBE.replace(" ", "\n").encode()).extended(lid()).mesh)
 
 
 def test_colors_under_the_plain_keyword_and_unknown_columns(tmp_path: Path) -> None:
