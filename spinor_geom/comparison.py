@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from spinor_geom.adapters import is_mesh, to_mesh, to_rims
 from spinor_geom.discrete.minimal_surface import DiscreteMinimalSurface, discrete_minimal_surface
-from spinor_geom.domain.delaunay import rim_successors
+from spinor_geom.domain.delaunay import rim_edges
 from spinor_geom.errors import ForeignRimError, SurfaceError
 from spinor_geom.fill.loop_choice import free_rim
 from spinor_geom.measures import HausdorffDistance, discrete_mean_curvature, distances_to_mesh, hausdorff_distance
@@ -248,8 +248,7 @@ def _require_same_rims(mesh: TriangleMesh, loops: Sequence[BoundaryLoop]) -> Non
 
 def _polylines(loops: Sequence[BoundaryLoop]) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "n 2"]]:
     """The points and edges of all loops."""
-    points = np.concatenate([loop.points for loop in loops])
-    return points, np.stack([np.arange(len(points)), rim_successors(tuple(map(len, loops)))], axis=1)
+    return np.concatenate([loop.points for loop in loops]), rim_edges(tuple(map(len, loops)))
 
 
 def _error(solution: PlateauSolution, fine: Patch) -> float:

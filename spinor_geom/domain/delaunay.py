@@ -29,10 +29,9 @@ def constrained_delaunay(points: Complex[np.ndarray, " n"], rims: Rims) -> Int[n
     cdt: Any = pythoncdt.Triangulation(
         pythoncdt.VertexInsertionOrder.AUTO, pythoncdt.IntersectingConstraintEdges.NOT_ALLOWED, 0.0
     )
-    after = rim_successors(rims)
     try:
         cdt.insert_vertices(plane_coordinates(points))
-        cdt.insert_edges(np.stack([np.arange(len(after)), after], axis=1).astype(np.uint32))
+        cdt.insert_edges(rim_edges(rims).astype(np.uint32))
         cdt.erase_outer_triangles_and_holes()
     except RuntimeError as error:
         # the library's message has its own vertex numbers
@@ -50,6 +49,12 @@ def rim_successors(rims: Rims) -> Int[np.ndarray, " m"]:
     last = np.cumsum(rims) - 1
     after[last] -= rims
     return after
+
+
+def rim_edges(rims: Rims) -> Int[np.ndarray, "m 2"]:
+    """The edges of several polygons whose vertices are numbered one after the other."""
+    after = rim_successors(rims)
+    return np.stack([np.arange(len(after)), after], axis=1)
 
 
 def plane_coordinates(z: Complex[np.ndarray, " n"]) -> Float[np.ndarray, "n 2"]:

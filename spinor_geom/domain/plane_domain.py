@@ -16,7 +16,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 from spinor_geom.arrays import backwards, modulo_one
-from spinor_geom.domain.delaunay import Rims, plane_coordinates, rim_successors
+from spinor_geom.domain.delaunay import Rims, plane_coordinates, rim_edges
 from spinor_geom.domain.triangulation import PlaneTriangulation, triangulate_polygon
 from spinor_geom.errors import DtypeError, OptionError
 from spinor_geom.mesh.array_checks import shared
@@ -317,8 +317,7 @@ class PlaneDomain:
     def fine_polygons(self) -> tuple[Float[np.ndarray, "n 2"], Int[np.ndarray, "n 2"]]:
         """Points on all boundaries, and the edges between them."""
         parts = [sampled(boundary, 16) for boundary in self.boundaries]
-        after = rim_successors(tuple(map(len, parts)))
-        return plane_coordinates(np.concatenate(parts)), np.stack([np.arange(len(after)), after], axis=1)
+        return plane_coordinates(np.concatenate(parts)), rim_edges(tuple(map(len, parts)))
 
     def distance_outside(self, z: Complex[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
         """Signed distance of points from ∂Ω, negative inside Ω, with each piece of ∂Ω replaced by 16 straight edges."""

@@ -13,6 +13,7 @@ from matplotlib.image import imread
 from numpy.typing import ArrayLike
 from scipy.spatial import Delaunay
 
+from spinor_geom.domain.delaunay import rim_edges
 from spinor_geom.mesh.curve import CurveFunction
 from spinor_geom.render.domain_colours import domain_colours
 from spinor_geom.render.png import drawn
@@ -99,8 +100,7 @@ def over_disk(
 
 def closed_line(points: Float[np.ndarray, "n 3"], *, colour: str = RIM_COLOUR, width: float = 2.5) -> Lines:
     """A closed line through points."""
-    ring = np.arange(len(points))
-    return Lines(vertices=points, edges=np.stack([ring, np.roll(ring, -1)], axis=1), colour=colour, width=width)
+    return Lines(vertices=points, edges=rim_edges((len(points),)), colour=colour, width=width)
 
 
 def disk_grid(circles: int, around: int) -> tuple[Complex[np.ndarray, " n"], Int[np.ndarray, "f 3"]]:

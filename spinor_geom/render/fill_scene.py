@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from spinor_geom.adapters import MeshFile, textured
 from spinor_geom.adapters.contents import color_scale_of
-from spinor_geom.domain.delaunay import rim_successors
+from spinor_geom.domain.delaunay import rim_edges
 from spinor_geom.errors import HiddenTextureWarning, MeshFileError
 from spinor_geom.files import up_axis
 from spinor_geom.fill.fill_result import FillResult, LoopOutcome
@@ -155,13 +155,12 @@ def mesh_layers(
     With `apart` each loop is a layer, which a click selects.
     """
     layers: list[Layer] = [Faces(vertices=mesh.vertices, faces=mesh.faces, edges=edges, **(skin or {}), **MESH)]
-    for number, loop in enumerate(loops if apart else ()):
-        segments = np.stack([np.arange(len(loop)), rim_successors((len(loop),))], axis=1)
-        layers.append(Lines(vertices=loop.points, edges=segments, width=4, loop=str(number)))
-    if loops and not apart:
+    if apart:
+        for number, loop in enumerate(loops):
+            layers.append(Lines(vertices=loop.points, edges=rim_edges((len(loop),)), width=4, loop=str(number)))
+    elif loops:
         points = np.concatenate([loop.points for loop in loops])
-        segments = np.stack([np.arange(len(points)), rim_successors(tuple(map(len, loops)))], axis=1)
-        layers.append(Lines(vertices=points, edges=segments, width=2.5))
+        layers.append(Lines(vertices=points, edges=rim_edges(tuple(map(len, loops))), width=2.5))
     return layers
 
 

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from spinor_geom.arrays import to_numpy
 from spinor_geom.discrete.minimal_surface import discrete_minimal_surface
-from spinor_geom.domain.delaunay import flat_coordinates, plane_coordinates, rim_successors
+from spinor_geom.domain.delaunay import flat_coordinates, plane_coordinates, rim_edges
 from spinor_geom.errors import SpinorGeomError, UnplacedZerosError, ZeroOnContourError
 from spinor_geom.fill.fill_result import LoopOutcome
 from spinor_geom.holomorphic.cauchy import CauchyNetwork
@@ -55,8 +55,7 @@ class LoopViews:
         return Lines(vertices=points, edges=edges, colour="#ffffff", halo=_GRID_COLOUR, width=1.6, switch=switch)
 
     def _boundary(self, vertices: Float[np.ndarray, "n 3"], width: float) -> Lines:
-        edges = np.stack([np.arange(self.patch.boundary_size), rim_successors(self.patch.rims)], axis=1)
-        return Lines(vertices=vertices, edges=edges, width=width)
+        return Lines(vertices=vertices, edges=rim_edges(self.patch.rims), width=width)
 
     def in_space(self) -> list[Layer]:
         """The patch in the mesh's space, with its grid and its normals."""

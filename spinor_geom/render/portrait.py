@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Complex, Float, Int
 from numpy.typing import ArrayLike
 
-from spinor_geom.domain.delaunay import rim_successors
+from spinor_geom.domain.delaunay import rim_edges
 from spinor_geom.errors import PeriodError, require_type
 from spinor_geom.mesh.array_checks import igl_arrays
 from spinor_geom.mesh.topology import boundary_edges
@@ -113,11 +113,10 @@ def surface_layers(
     places: dict[str, Any] = {"vertices": own}
     if family:
         places["conjugate"] = conjugate - conjugate.mean(axis=0) + own.mean(axis=0)
-    boundary = np.stack([np.arange(mesh.boundary_size), rim_successors(mesh.rims)], axis=1)
     return (
         Faces(**places, faces=mesh.faces, fields={GAUSS: gauss[:, 0]}, **SIDES),
         Lines(**places, edges=lines + len(known), colour=GRID_COLOUR, width=0.75),
-        Lines(**places, edges=boundary, width=2.5),
+        Lines(**places, edges=rim_edges(mesh.rims), width=2.5),
     )
 
 
