@@ -40,8 +40,6 @@ def read_off(data: bytes) -> FileContents:
     try:
         rows, vertex = split_rows(text, start, vertex, words)
         face_rows, face = split_rows(text, vertex.stop, face, words)
-        if len(rows[0]) < 3:
-            raise malformed(vertex.line(0), "a vertex needs three coordinates", "correct the line")
     except MeshFileError:
         lines = [] if any(keyword) else text[face.count_at[1] :].splitlines()
         reflowed = _reflowed(list(chain.from_iterable(map(words, lines))), vertex.count, face.count)

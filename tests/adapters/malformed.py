@@ -187,7 +187,7 @@ OFF = "OFF\n3 1 0\n" + POINTS + "3 0 1 2\n"
 
 OFF_FILES: Files = {
     "one line": (OFF.replace("\n", " "), (3, 1)),
-    "a line for each number": (OFF[:10] + OFF[10:].replace(" ", "\n"), (3, 1)),
+    "a line for each number": (OFF[:10] + OFF[10:].replace(" ", "\n"), "a vertex with 1 numbers"),
     "underscore in a number": (OFF.replace("1 0 0", "1_0 0 0"), "line 4: cannot read vertex 1"),
     "count of 18 digits": (OFF.replace("3 1 0", f"{10**17} 1 0"), "the file ends within record 4"),
     "no counts": ("OFF\n", "the counts"),
@@ -196,7 +196,7 @@ OFF_FILES: Files = {
     "a billion corners": (OFF.replace("3 0 1 2", f"{10**9} 0 1 2"), "line 6: cannot read face 0"),
     "two corners": (OFF.replace("3 0 1 2", "2 0 1"), "line 6, face 0: has 2 corners, a face needs three"),
     "normals announced": (OFF.replace("OFF", "NOFF"), "line 3: a vertex with 3 numbers does not fit"),
-    "short first vertex": (OFF.replace("0 0 0\n", "0 0\n"), "line 3: a vertex needs three coordinates"),
+    "short first vertex": (OFF.replace("0 0 0\n", "0 0\n"), "line 3: a vertex with 2 numbers"),
     "short vertex": (OFF.replace("1 0 0", "1 0"), "line 4: cannot read vertex 1 from '1 0'"),
     "word as coordinate": (OFF.replace("1 0 0", "1 0 o"), "line 4: cannot read vertex 1 from '1 0 o'"),
     "nan": (OFF.replace("1 0 0", "1 0 nan"), "line 4: vertex 1 has a NaN"),

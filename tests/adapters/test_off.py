@@ -74,10 +74,6 @@ def test_round_trip_keeps_normals_colors_and_texture(
         assert np.array_equal(back.mesh.vertex_attributes[name], values)
 
 
-def test_a_number_on_each_line_is_read() -> None:
-    assert is_closed(parsed(CUBE.replace(" ", "\n").encode()).extended(lid()).mesh)
-
-
 def test_colors_under_the_plain_keyword_and_unknown_columns(tmp_path: Path) -> None:
     colored = CUBE.replace(".0\n", ".0 255 0 7\n", 8)
     file = parsed(colored)
