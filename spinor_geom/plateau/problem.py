@@ -29,12 +29,16 @@ from spinor_geom.plateau.evidence import Evidence
 from spinor_geom.plateau.misfit import BoundaryResidual, Misfit
 from spinor_geom.plateau.options import Options
 from spinor_geom.plateau.rim_match import RimMatch
+from spinor_geom.plateau.roughness import roughness
 from spinor_geom.plateau.route_result import RouteResult
 from spinor_geom.plateau.solution import PlateauSolution, RouteName
 from spinor_geom.plateau.steps import Clock, Iteration, Steps
 
 # Most points of a loop for the first disk, Ω and the poles. Longer loops are thinned for them. Γ uses all points.
 _MOST_START_POINTS = 240
+# The same for smooth loops with corners: the larger of this number and a multiple of the number of corners. With 24 for
+# each corner an octagon of 240 points is missed. `roughness` of such loops: with noise of 0.02 edges they take longer.
+_POINTS, _POINTS_PER_SIDE, _SMOOTH = 96, 32, 0.01
 
 # Loops at unit size, their centre and their scale: see `PlateauProblem`.
 UnitLoops: TypeAlias = tuple[tuple[BoundaryLoop, ...], Float[np.ndarray, "3"], float]
@@ -249,12 +253,18 @@ class Route:
 
 
 def start_indices(loop: BoundaryLoop) -> Int[np.ndarray, " k"]:
-    """Indices of the points that bound the first discrete disk: all, or for long loops the corners and even samples."""
-    if len(loop) <= _MOST_START_POINTS:
+    """Indices of the points that bound the first discrete disk: all, or for long loops the corners and even samples.
+
+    Smooth loops with corners are thinned more, to every so many points, because their points are dense at details.
+    """
+    corners, most, steps = np.flatnonzero(loop.corners), _MOST_START_POINTS, loop.edge_lengths
+    if len(corners) and roughness(loop) < _SMOOTH:
+        most, steps = min(most, max(_POINTS, _POINTS_PER_SIDE * len(corners))), np.ones(len(loop))
+    if len(loop) <= most:
         return np.arange(len(loop))
-    along = np.concatenate([[0.0], np.cumsum(loop.edge_lengths)[:-1]])
-    wanted = np.searchsorted(along, np.arange(_MOST_START_POINTS) * (loop.perimeter / _MOST_START_POINTS))
-    return np.unique(np.concatenate([[0], wanted.clip(0, len(loop) - 1), np.flatnonzero(loop.corners)]))
+    along = np.concatenate([[0.0], np.cumsum(steps)[:-1]])
+    wanted = np.searchsorted(along, np.arange(most) * (steps.sum() / most))
+    return np.unique(np.concatenate([[0], wanted.clip(0, len(loop) - 1), corners]))
 
 
 def _each_at_unit_size(given: Sequence[BoundaryLoop | SpinorGeomError]) -> list[UnitLoops | SpinorGeomError]:

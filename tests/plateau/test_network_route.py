@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 from spinor_geom import gallery
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau import solve_plateau
 from spinor_geom.plateau.network import network_route
 from spinor_geom.plateau.network.network_route import NetworkSolver
 from spinor_geom.plateau.options import Options
-from spinor_geom.plateau.problem import PlateauProblem
+from spinor_geom.plateau.problem import PlateauProblem, start_indices
 
 
 @pytest.mark.parametrize("order", [1, 2])
@@ -31,3 +32,29 @@ def test_corners_do_not_make_a_polygon_rough():
     network = NetworkSolver(problem=PlateauProblem.of([loop], Options()))
     # a ninth of its points are corners of 90°: with them it would count as rough
     assert not network._is_rough
+
+
+def curved_square(with_bump: bool) -> BoundaryLoop:
+    """Four arcs between corners. The first one may have a narrow bump, where its points are dense."""
+    ends = np.exp(0.5j * np.pi * np.arange(5))
+    near = np.linspace(-1, 1, 120)[:-1]
+    even, dense = np.arange(40) / 40, (1 + np.sign(near) * np.abs(near) ** 2.2) / 2
+    sides = []
+    for side, t in enumerate([dense if with_bump else even, even, even, even]):
+        plane = ends[side] + (ends[side + 1] - ends[side]) * t
+        height = 0.2 * np.sin(np.pi * t) * (-1) ** side
+        bump = 0.05 * np.exp(-(((t - 0.5) / 0.02) ** 2)) * (with_bump and side == 0)
+        sides.append(np.stack([plane.real, plane.imag, height + bump], axis=1))
+    return BoundaryLoop.from_points(
+        np.concatenate(sides), corners=np.cumsum([0, *(len(side) for side in sides[:3])]).tolist()
+    )
+
+
+@pytest.mark.parametrize("with_bump", [False, True])
+def test_networks_of_smooth_loops_with_corners_are_small(with_bump):
+    loop = curved_square(with_bump)
+    # the time of a fit grows with the cube of the number of poles
+    assert len(start_indices(loop)) <= 0.81 * len(loop)
+    solution = solve_plateau(loop)
+    # with points of equal distance along the loop the bump is missed, and the fit does not converge
+    assert (solution.route, solution.converged) == ("network", True)
