@@ -28,11 +28,8 @@ from spinor_geom.deadline import require_time
 from spinor_geom.holomorphic.cauchy import FACTOR_SECONDS
 from spinor_geom.plateau.curve_tensors import normals_of
 from spinor_geom.plateau.network.network_problem import NetworkProblem
+from spinor_geom.plateau.newton import LEAST_DAMPING
 from spinor_geom.plateau.steps import STALLED, Steps
-
-# Damping of the first step, over the mean diagonal entry of the normal equations. With 1 fits take a sixth more steps,
-# and one in ten rough ones ends farther from Γ.
-_FIRST_DAMPING = 1e-2
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -101,7 +98,8 @@ def gauss_newton(
         OutOfTimeError: time ran out.
     """
     fit = Fit.at(problem, readout, slide)
-    damping = _FIRST_DAMPING
+    # over the mean diagonal entry of the normal equations. From 1 fits take a sixth more steps, and some end farther off
+    damping = 10 * LEAST_DAMPING
     linear, fresh = _Linear.at(problem, fit), True
     while steps.left:
         require_time()

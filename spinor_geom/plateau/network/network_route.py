@@ -44,7 +44,6 @@ from spinor_geom.surface.array_surface import PATH_ORDER, ArraySurface
 from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.frames import signs_close_up
 
-_NEGLIGIBLE_MOVE = 0.01  # displacement of Ω treated as 0, over the residual. With 1 areas are off by 5e-4
 # Number of pieces per side of polygons given by their corners alone: with 8 the residual of the tetrahedron's
 # quadrilateral is 1e-6 of a side, undivided 1e-2.
 PARTS_OF_A_SIDE = 8
@@ -301,7 +300,9 @@ class NetworkSolver:
             fit = gauss_newton(stage.flexible_problem, readout, slide, allowed=allowed, steps=steps)
             readout, slide = fit.readout, fit.slide
             length = stage.length_of_move(fit)
-            if length < _NEGLIGIBLE_MOVE * fit.residual:
+            # a displacement changes the residual by as much at most. Up to the residual itself areas are off by 5e-4
+            negligible = (1 - STALLED) * fit.residual
+            if length < negligible:
                 return self._measured(stage, fit)
             try:
                 moved = stage.moved(fit, offset=self.problem.options.cauchy.pole_offset)
@@ -313,7 +314,7 @@ class NetworkSolver:
             # below half of the allowed residual, continue only while it converges fast
             stalls = not fit.residual <= (STALLED if fit.residual > allowed / 2 else 0.5) * last
             # quadratic convergence: the next displacement would be about the square of this one
-            if stalls or length**2 < _NEGLIGIBLE_MOVE * fit.residual or steps.are_spent:
+            if stalls or length**2 < negligible or steps.are_spent:
                 break
             last = fit.residual
         return replace(self._fitted(stage, readout, slide), folds=folds)
