@@ -13,12 +13,10 @@ from spinor_geom.domain.polygons import is_simple, near_vertices
 from spinor_geom.errors import DomainError
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.harmonic.dirichlet import DirichletForm
+from spinor_geom.plateau.misfit import TURNS_BACK
 
 _OVERSAMPLING = 4  # samples per point or coefficient of a curve. With 2 rough curves take a third longer
 COARSE = 1e-4  # relative accuracy of Λ, and thus of coarse slides. With 1e-6 solves take 1.6 times as long
-# Parts of a curve face each other if the arc between them is longer than this multiple of their distance. With 1
-# domains of long ellipses count as too narrow, with 4 a rim cut along triangles is met five times less closely.
-_FACING = 2.0
 _MOST_STEPS = 4096  # largest number n of steps of ∂Ω: Λ takes 16·n² bytes
 # Steps of ∂Ω per point, and width of the Gaussian that smooths ∂Ω, in points. The first pair that resolves ∂Ω is used.
 # The first one closes narrow gaps. Without it smooth loops take twice as long. Without the last one random curve 22 has
@@ -90,7 +88,7 @@ def _more_in_narrow_places(curve: BoundaryCurve, points: int) -> tuple[Float[np.
     arc = np.abs(along[:-1, None] - along[:-1])
     arc = np.minimum(arc, 1 - arc) * curve.length()
     distance = np.linalg.norm(p[:, None] - p, axis=-1)
-    width = np.where((arc > edge) & (_FACING * distance < arc), distance, np.inf).min(axis=1)
+    width = np.where((arc > edge) & (TURNS_BACK * distance < arc), distance, np.inf).min(axis=1)
     density = np.clip(edge / width, 1, _MOST_STEPS / n)
     return np.append(0, np.cumsum((density - 1) * np.diff(along))), float(density.max())
 
@@ -177,4 +175,4 @@ def _is_wide(polygon: Complex[np.ndarray, " n"]) -> bool:
     i, j = near_vertices(polygon, 2 * np.maximum(edge, shifted(edge, 1)))
     arc = np.abs(along[i] - along[j])
     arc = np.minimum(arc, edge.sum() - arc)
-    return not (arc > _FACING * np.abs(polygon[i] - polygon[j])).any()
+    return not (arc > TURNS_BACK * np.abs(polygon[i] - polygon[j])).any()

@@ -98,7 +98,7 @@ def gauss_newton(
         OutOfTimeError: time ran out.
     """
     fit = Fit.at(problem, readout, slide)
-    # over the mean diagonal entry of the normal equations. From 1 fits take a sixth more steps, and some end farther off
+    # over the mean diagonal entry of the normal equations. From 1 fits take a sixth more steps
     damping = 10 * LEAST_DAMPING
     linear, fresh = _Linear.at(problem, fit), True
     while steps.left:
