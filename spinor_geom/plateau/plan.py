@@ -12,7 +12,7 @@ from spinor_geom.arrays import shifted
 from spinor_geom.deadline import is_out_of_time, require_time
 from spinor_geom.discrete.area_descent import Disk
 from spinor_geom.errors import DomainError, FirstFillError, OutOfTimeError, SpinorGeomError, SurfaceError
-from spinor_geom.mesh.boundary_loop import MIN_LOOP_WITH_CORNERS, BoundaryLoop, detect_corners
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import SAMPLES_PER_PIECE, BoundaryCurve
 from spinor_geom.plateau.annulus import RimDisks
 from spinor_geom.plateau.disk_search import ThinnedLoop, find_disks, lower_beside, replace_unstable
@@ -22,7 +22,7 @@ from spinor_geom.plateau.options import Options
 from spinor_geom.plateau.plane_route import PLANE, lie_in_plane
 from spinor_geom.plateau.problem import PlateauProblem, Route
 from spinor_geom.plateau.rims.rims_route import RimsSolver, obstacle
-from spinor_geom.plateau.roughness import has_stray_corners, is_predicted, is_rough
+from spinor_geom.plateau.roughness import has_stray_corners, is_predicted, is_rough, shows_no_curve
 from spinor_geom.plateau.route_result import FAILURES, NoConnectedSurfaceError, RouteResult, typed_failures
 from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution
 from spinor_geom.plateau.steps import SPENT, Clock
@@ -58,7 +58,7 @@ def _plan_for_disk(problem: PlateauProblem, in_plane: tuple[Route, ...]) -> tupl
         through = (THROUGH_POINTS,) if may_be_free and not in_plane and not loop.corners_given else ()
         network = () if through and has_stray_corners(loop) else (NETWORK,)
         return (*in_plane, *network, *through)
-    if may_be_free and _shows_no_curve(loop, curve):
+    if may_be_free and shows_no_curve(loop, curve):
         return (*in_plane, THROUGH_POINTS, FLATTENING)
     is_wide = loop.elongation < _DISK_ELONGATION and not is_rough(loop, curve)
     last: tuple[Route, ...] = (NETWORK,)
@@ -90,17 +90,6 @@ def _plan_between(problem: PlateauProblem, in_plane: tuple[Route, ...]) -> tuple
     # where equal steps of all circles are too few for one rim
     finer = (on_own_nodes,) if options.model == "auto" and not through and len(problem.loops) > 2 else ()
     return (*in_plane, *through, on_circles, *network, *finer)
-
-
-def _shows_no_curve(loop: BoundaryLoop, curve: BoundaryCurve) -> bool:
-    """Whether the points of a loop without corners are too rough to be samples of a smooth curve."""
-    # Γ overshoots at corners that were removed, for any degree
-    if not loop.corners_given and detect_corners(loop.points).any():
-        return True
-    if curve.kind != "cubic":
-        return False
-    # a loop of so few points is a polygon
-    return len(loop) <= MIN_LOOP_WITH_CORNERS or is_rough(loop, curve)
 
 
 def _trained(problem: PlateauProblem) -> RouteResult:

@@ -17,6 +17,7 @@ from spinor_geom.mesh.intersections import MEETING_PER_DIAGONAL
 from spinor_geom.plateau.curve_tensors import CurveTensors, normals_of
 from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.problem import PlateauProblem, Route
+from spinor_geom.plateau.roughness import has_stray_corners, shows_no_curve
 from spinor_geom.plateau.route_result import RimsResult, RouteResult
 from spinor_geom.surface.array_surface import ArraySurface
 from spinor_geom.surface.frames import spinors_from_phi
@@ -39,21 +40,33 @@ def lie_in_plane(loops: Sequence[BoundaryLoop], *, allowed: float) -> bool:
 def plane_region(problem: PlateauProblem) -> RouteResult:
     """The plane region inside one loop and outside the others: p and q are constant, the region itself is Ω.
 
-    It is the only minimal surface over the loops. It lies on the left of the first one. If the curves of free loops
-    cross between the points, the polygons through the points are used instead.
+    It is the only minimal surface over the loops. It lies on the left of the first one. Of free loops whose points show
+    no curve, and of all where the curves cross between the points, the polygons through the points are used.
 
     Raises:
         DomainError: the curves cross between the points, or bound no such region.
 
     Source: the convex hull property of minimal surfaces (Osserman, "A Survey of Minimal Surfaces" (1986), section 7).
     """
+    loops, curves = problem.units, problem.curves
+    if problem.options.between != "free" or any(curve.is_formula for curve in curves):
+        return _region(problem, curves)
+    polygons = BoundaryCurve.from_loops([replace(loop, corners=np.ones(len(loop), dtype=bool)) for loop in loops])
+    chosen = [
+        polygon if _is_polygon(loop, curve) else curve
+        for loop, curve, polygon in zip(loops, curves, polygons, strict=True)
+    ]
     try:
-        return _region(problem, problem.curves)
+        return _region(problem, chosen)
     except DomainError:
-        if problem.options.between != "free" or any(loop.corners_given for loop in problem.units):
+        if any(loop.corners_given for loop in loops):
             raise
-    polygons = [replace(loop, corners=np.ones(len(loop), dtype=bool)) for loop in problem.units]
-    return _region(problem, BoundaryCurve.from_loops(polygons))
+        return _region(problem, polygons)
+
+
+def _is_polygon(loop: BoundaryLoop, curve: BoundaryCurve) -> bool:
+    """Whether only the points of a loop are prescribed, and not a curve through them."""
+    return not loop.corners_given and (has_stray_corners(loop) if loop.corners.any() else shows_no_curve(loop, curve))
 
 
 def _region(problem: PlateauProblem, curves: Sequence[BoundaryCurve]) -> RouteResult:

@@ -3,7 +3,15 @@
 import numpy as np
 
 from spinor_geom.arrays import shifted
-from spinor_geom.mesh.boundary_loop import PREDICTED, STRAIGHT, BoundaryLoop, have_predicted_sides, turning_angles
+from spinor_geom.mesh.boundary_loop import (
+    MIN_LOOP_WITH_CORNERS,
+    PREDICTED,
+    STRAIGHT,
+    BoundaryLoop,
+    detect_corners,
+    have_predicted_sides,
+    turning_angles,
+)
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.interpolation import missed
 
@@ -40,6 +48,15 @@ def is_rough(loop: BoundaryLoop, curve: BoundaryCurve) -> bool:
 def is_predicted(loop: BoundaryLoop) -> bool:
     """Whether neighbours predict the points of a loop, so that they lie on a smooth curve."""
     return roughness(loop) <= PREDICTED or _mean_missed(loop, 2) <= _HARDLY_LESS * _mean_missed(loop, 1)
+
+
+def shows_no_curve(loop: BoundaryLoop, curve: BoundaryCurve) -> bool:
+    """Whether the points of a loop without corners are too few or too rough to be samples of a smooth curve."""
+    # Γ overshoots at corners that were removed, for any degree
+    if not loop.corners_given and detect_corners(loop.points).any():
+        return True
+    # a loop of so few points is a polygon
+    return curve.kind == "cubic" and (len(loop) <= MIN_LOOP_WITH_CORNERS or is_rough(loop, curve))
 
 
 def has_stray_corners(loop: BoundaryLoop) -> bool:

@@ -78,6 +78,24 @@ def test_a_spline_that_crosses_itself_goes_elsewhere():
     assert solve_plateau(BoundaryLoop.from_points(points, corners=())).route != "plane"
 
 
+def test_few_points_are_the_vertices_of_a_polygon():
+    square = [(0, 0), (1, 0), (1, 1), (0, 1)]
+    frame = [(0, 0), (3, 0), (3, 3), (0, 3)]
+    cross = [(1, 0), (2, 0), (2, 1), (3, 1), (3, 2), (2, 2), (2, 3), (1, 3), (1, 2), (0, 2), (0, 1), (1, 1)]
+    around = np.pad(np.array(square, dtype=float), ((0, 0), (0, 1)))
+    for corners, area in ((square, 1.0), (frame, 9.0), (cross, 5.0)):
+        points = np.pad(np.array(corners, dtype=float), ((0, 0), (0, 1)))
+        solution = solve_plateau(points)
+        assert (solution.route, solution.area) == ("plane", pytest.approx(area, rel=1e-12))
+        assert solve_plateau(points, between="smooth").area > 1.1 * area
+        named = BoundaryLoop.from_points(points, corners=())
+        assert solve_plateau(named).area > 1.1 * area
+    between = solve_plateau(
+        [np.pad(np.array(frame, dtype=float), ((0, 0), (0, 1))), around + np.array([1.0, 1.0, 0.0])]
+    )
+    assert between.area == pytest.approx(8.0, rel=1e-12)
+
+
 def test_a_sliver_of_three_points_is_met_by_its_curve() -> None:
     # its curve hurries along the long sides
     sliver = BoundaryLoop.from_points([(0, 0, 0), (1, 0, 0), (0.8286, 0.1816, 0)], corners=[])
