@@ -40,6 +40,7 @@ _OF_TOLERANCE = 0.01  # accuracy of positions, relative to the tolerance
 _CONTINUED, _BELOW, _SAME_AREA = 2, 0.5, 1e-3
 _FARTHEST = 0.5  # boundary residual, per mean edge, above which no case was met whose boundary runs along Γ
 _AROUND, _ROUNDING = 256, 1e-12  # points of a rim for its diagonal, and tolerance of exact patches
+_ROUNDINGS = 16  # of a position, that interpolation adds up: 8 were measured
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -195,13 +196,16 @@ def nurbs_surface(solution: PlateauSolution, tolerance: float) -> NurbsSurface:
     diagonal = solution.diagonal
     if solution.route == "plane":
         return _plane(solution, tolerance, diagonal)
-    solution = _within(solution, tolerance * diagonal)
+    far = max(float(np.abs(rim.loop.points).max()) for rim in solution.rims)
+    rounding = _ROUNDINGS * float(np.finfo(np.float64).eps) * far
+    if rounding < tolerance * diagonal:
+        solution = _within(solution, tolerance * diagonal)
     disk, missed = PolynomialDisk.of(solution.array_surface), solution.boundary_residual.max
     with one_thread():
         if disk is not None and disk.is_representable and missed <= tolerance * diagonal / NEARER_AT_RIMS:
             return _exact(disk, diagonal, missed, tolerance)
         rims = Rim.all_of(solution)
-        mesh, fit, sample = _fitted(solution, rims, tolerance)
+        mesh, fit, sample = _fitted(solution, rims, tolerance, rounding)
         patches = tuple(
             NurbsPatch(control_points=net, weights=np.ones(net.shape[:2]), knots=(u.knots, v.knots))
             for net, (u, v) in zip(fit.nets, fit.spaces, strict=True)
@@ -214,7 +218,12 @@ def nurbs_surface(solution: PlateauSolution, tolerance: float) -> NurbsSurface:
     within = fit.error <= tolerance * diagonal
     reason = f"interpolation error {reached}"
     is_met = moved <= tolerance * diagonal
-    if not is_met:
+    if not within and NEARER_AT_RIMS * rounding > tolerance * diagonal / 2:
+        reason = (
+            f"{reason}, above the tolerance {tolerance:.1e}: coordinates of {far:.2g} are rounded; "
+            "move the curve to the origin"
+        )
+    elif not is_met:
         reason = (
             f"{reason}, but the rims are moved by the boundary residual of the solution, {moved / diagonal:.1e} of the "
             f"diagonal, above the tolerance {tolerance:.1e}: solve with a smaller tolerance"
@@ -283,28 +292,32 @@ def _within(solution: PlateauSolution, allowed: float) -> PlateauSolution:
     return solution
 
 
-def _fitted(solution: PlateauSolution, rims: tuple[Rim, ...], tolerance: float) -> tuple[QuadMesh, Fit, Sampler]:
+def _fitted(
+    solution: PlateauSolution, rims: tuple[Rim, ...], tolerance: float, rounding: float
+) -> tuple[QuadMesh, Fit, Sampler]:
     """One patch over a curve with 2 to 4 corners, otherwise several: where it would be folded or is not near enough.
 
     A patch that is not near enough is kept at the time limit, and where Ω cannot be divided.
     """
     patch = OnePatch.of(solution.array_surface, rims)
     if patch is None:
-        return _patches(solution, rims, tolerance)
+        return _patches(solution, rims, tolerance, rounding)
     allowed = tolerance * solution.diagonal
     begin = perf_counter()
-    fit = fitted(patch.mesh, patch.on, allowed)
+    fit = fitted(patch.mesh, patch.on, allowed, rounding)
     spent = perf_counter() - begin
     for side in np.flatnonzero(patch.collapsed).tolist():
         row = fit.nets[0][on_side(side)]
         row[:] = row[0]
     if fit.error > allowed and seconds_left() > 2 * spent:  # several patches take longer than one
         with suppress(DomainError):  # a part of Ω is too narrow, as at a sharp angle
-            return _patches(solution, rims, tolerance)
+            return _patches(solution, rims, tolerance, rounding)
     return patch.mesh, fit, patch.on
 
 
-def _patches(solution: PlateauSolution, rims: tuple[Rim, ...], tolerance: float) -> tuple[QuadMesh, Fit, Sampler]:
+def _patches(
+    solution: PlateauSolution, rims: tuple[Rim, ...], tolerance: float, rounding: float
+) -> tuple[QuadMesh, Fit, Sampler]:
     """Rings of patches along the rims, and patches inside the rings."""
     missed = solution.boundary_residual.rms_per_edge
     if missed > _FARTHEST:
@@ -315,7 +328,7 @@ def _patches(solution: PlateauSolution, rims: tuple[Rim, ...], tolerance: float)
     blocks = Blocks.of(solution.domain, rims)
     samples = Samples(surface=solution.array_surface, rims=rims, blocks=blocks, accuracy=_OF_TOLERANCE * tolerance)
     mesh = QuadMesh(quads=blocks.quads, rims=_rims(blocks.sizes))
-    return mesh, fitted(mesh, samples.on, tolerance * solution.diagonal), samples.on
+    return mesh, fitted(mesh, samples.on, tolerance * solution.diagonal, rounding), samples.on
 
 
 def _rims(sizes: Sequence[int]) -> tuple[tuple[tuple[int, int], ...], ...]:

@@ -25,7 +25,7 @@ Sampler: TypeAlias = Callable[[Sequence[Grid]], list[tuple[Values, Values]]]
 DEGREE = 9  # of splines with inner knots
 NEARER_AT_RIMS = 10.0  # ratio of the tolerances inside and at rims, so that shells fit adjacent parts
 _ROUNDS = 20  # of halving pieces
-_MOST_POINTS = 100_000  # control points of all patches, above which no piece is halved
+_MOST_POINTS = 200_000  # control points of all patches: 1 GB
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -102,13 +102,14 @@ class Fit:
         return sum(net.shape[0] * net.shape[1] for net in self.nets)
 
 
-def fitted(mesh: QuadMesh, sample: Sampler, tolerance: float) -> Fit:
+def fitted(mesh: QuadMesh, sample: Sampler, tolerance: float, rounding: float) -> Fit:
     """Patches of the least degree without inner knots, or of degree `DEGREE` with the knots that a tolerance needs.
 
     `sample` returns positions of the surface, and those moved near the rims, which are interpolated at the nodes. The
     error is measured halfway between nodes, along u and along v, for the surface itself and for the rims. Pieces of a
-    strip where it exceeds half of the tolerance, in mesh units, are halved. Pieces whose error is below the
-    displacement of the rim, by the boundary residual of the solution, are not halved. None is halved at the time limit.
+    strip where it exceeds half of the tolerance, and the rounding of positions, both in mesh units, are halved. Pieces
+    whose error is below the displacement of the rim, by the boundary residual of the solution, are not halved. None is
+    halved at the time limit.
     """
     begin = perf_counter()
     strip, against = mesh.strips
@@ -122,10 +123,12 @@ def fitted(mesh: QuadMesh, sample: Sampler, tolerance: float) -> Fit:
         # a round takes about as long as all before it, and so do the measurements at the end
         if seconds_left() < 2 * (perf_counter() - begin):
             break
-        chosen = known.inaccurate(strip, against, breaks, tolerance / 2)
-        if not any(some.any() for some in chosen) or known.points > _MOST_POINTS:
+        chosen = known.inaccurate(strip, against, breaks, max(tolerance / 2, NEARER_AT_RIMS * rounding))
+        halved = [_halved(own, some) for own, some in zip(breaks, chosen, strict=True)]
+        sizes = np.array([len(own) - 1 + DEGREE for own in halved])
+        if halved == breaks or sizes[strip].prod(axis=1).sum() > _MOST_POINTS:
             break
-        breaks = [_halved(own, some) for own, some in zip(breaks, chosen, strict=True)]
+        breaks = halved
         known = _Sampled.of(mesh, sample, breaks, DEGREE, known.values)
     return known.fit(mesh)
 

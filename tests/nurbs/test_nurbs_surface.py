@@ -187,6 +187,15 @@ def test_surfaces_far_from_their_curve_are_reported() -> None:
     assert solution.to_nurbs(tolerance=1e-2).converged
 
 
+@pytest.mark.parametrize("points", [4, 30])
+def test_refinement_ends_at_the_rounding_of_coordinates(points: int) -> None:
+    solution = spinor_geom.solve_plateau(circle(points, bend=0.3) + 5e11)
+    nurbs = solution.to_nurbs(tolerance=1e-4)
+    assert not nurbs.converged
+    assert "coordinates of 5e+11 are rounded" in nurbs.reason
+    assert nurbs.size < 5000
+
+
 def test_surfaces_an_edge_off_their_curve_are_refused_at_once() -> None:
     solution = SMOOTH["seam"]()
     far = replace(solution.boundary_residual, rms=solution.loop.mean_edge_length)
