@@ -60,6 +60,15 @@ def outer_parts(shape: Any) -> list[Any]:
     return [*{hash(part): part for part in parts}.values()]
 
 
+def are_plane(faces: Iterable[Any]) -> bool:
+    """Whether each of some faces is plane, within the distance at which edges are joined."""
+    from OCP.BRep import BRep_Tool
+    from OCP.GeomLib import GeomLib_IsPlanarSurface
+    from OCP.TopoDS import TopoDS
+
+    return all(GeomLib_IsPlanarSurface(BRep_Tool.Surface_s(TopoDS.Face(face)), _SEWING).IsPlanar() for face in faces)
+
+
 def _free_boundary(shapes: Iterable[Any]) -> list[Any]:
     """The edges that belong to one face only, after equal edges of different faces were identified."""
     from OCP.BRepBuilderAPI import BRepBuilderAPI_Sewing

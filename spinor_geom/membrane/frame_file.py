@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from spinor_geom.adapters.cad_curves import JoinedSplines, closed_curves
-from spinor_geom.adapters.cad_edges import edges_of, outer_parts, parts_of
+from spinor_geom.adapters.cad_edges import are_plane, edges_of, outer_parts, parts_of
 from spinor_geom.adapters.cad_objects import cad_shapes
 from spinor_geom.adapters.open_cascade import STEP, named_parts
 from spinor_geom.errors import MeshFileError, OptionError, SpinorGeomError
@@ -53,12 +53,13 @@ def read_frame(path: str | os.PathLike[str]) -> list[Edge]:
     """
     is_step = Path(path).suffix.lower() in STEP
     try:
+        if is_step:
+            return _of_parts(named_parts(path))
+        content = regular_file(path).read_bytes()
         # an integer of thousands of digits is an error
-        content = named_parts(path) if is_step else json.loads(regular_file(path).read_bytes(), parse_int=float)
+        return _of_json(json.loads(content, parse_int=float, object_pairs_hook=_each_once))
     except (json.JSONDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise MeshFileError(f"{os.fspath(path)}: is no JSON file ({error})", path=path) from error
-    try:
-        return _of_parts(content) if is_step else _of_json(content)
     except OptionError as error:
         raise MeshFileError(f"{os.fspath(path)}: {error}", path=path) from error
 
@@ -103,6 +104,8 @@ def _of_parts(parts: Iterable[tuple[tuple[str, ...] | None, Any]]) -> list[Edge]
             ends = own[0].spline.ends
             is_closed = np.ptp(ends, axis=0).max() <= own[0].tolerance
             if kind == "symmetric":
+                if not are_plane(parts_of(part, "FACE")):
+                    raise OptionError("the face of a plane of symmetry is curved; draw a plane face")
                 found.append(_edge(kind, _plane(np.concatenate([one.spline.control_points for one in own])), rest))
             elif next(parts_of(part, "FACE"), None) is not None:
                 raise OptionError("a face is no edge; name it 'symmetric' if it lies in a plane of symmetry")
@@ -129,7 +132,17 @@ def _described(name: str) -> tuple[str, dict[str, Any]]:
     keys, words = _KINDS[kind][2], re.split(r"[\s:=_]+", match[2]) if match[2] else []
     if len(words) == 1:
         words = [*keys[:1], *words]
-    return kind, {key: _number(value) for key, value in zip_longest(words[::2], words[1::2])} if keys else {}
+    return kind, _each_once((key, _number(value)) for key, value in zip_longest(words[::2], words[1::2]) if keys)
+
+
+def _each_once(pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
+    """A dictionary of keys with values. Raises an OptionError if a key occurs twice."""
+    found: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in found:
+            raise OptionError(f"the key {key!r} is given twice; give it once")
+        found[key] = value
+    return found
 
 
 def _number(text: str | None) -> float | str | None:

@@ -55,6 +55,7 @@ def test_a_film_without_forces_is_balanced(tmp_path: Path, capsys: pytest.Captur
         ("[" * 100_000, "is no JSON file"),
         ('{"edges": [{"cable": [], "tension": 1' + 5000 * "0" + "}]}", "edge 0: 'tension' must be a number"),
         ([], "the only key 'edges'"),
+        ('{"edges": [{"tension": 1, "tension": 2}]}', "the key 'tension' is given twice"),
         ({"edges": []}, "two edges or more"),
         ({"edges": [], "unit": "mm"}, "the only key 'edges'"),
         ({"edges": [SIDES[0], {"rope": []}]}, "edge 1: must be an object with one of the keys"),

@@ -116,6 +116,8 @@ def test_shapes_given_one_by_one_are_parts_of_one_frame() -> None:
         (lambda: line("cable nan"), "'tension' must be a number"),
         (lambda: line("cable 2 kN"), "the key '2' is unknown beside 'cable'"),
         (lambda: line("cable length 2 m"), "the key 'm' is unknown"),
+        (lambda: line("cable tension 2 tension 3"), "the key 'tension' is given twice"),
+        (lambda: labelled(cad.Sphere(1).faces()[0], "symmetric"), "face of a plane of symmetry is curved"),
         (lambda: line("cable length 0.5"), "too short"),
         (lambda: line("ring 3"), r"ring 'ring 3': the edges are open"),
         (lambda: line("symmetric"), "does not determine its plane"),
