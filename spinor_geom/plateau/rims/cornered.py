@@ -21,12 +21,12 @@ from jaxtyping import Complex, Float, Int
 from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dpstrf
 
-from spinor_geom.arrays import cis
+from spinor_geom.arrays import TINY, cis, unit
 from spinor_geom.holomorphic.circular_domain import turned
 from spinor_geom.plateau.rims.circles import Circles
-from spinor_geom.plateau.rims.sides import CorneredRims, Resolution, Side
+from spinor_geom.plateau.rims.sides import CorneredRims, Resolution, Side, slices
 
-_NEAR = 0.02, 0.05  # shares of a side near a corner, between which slides show the angle of the surface there
+_NEAR = 0.05  # share of a side beside a corner, where ∂X/∂n shows the angle of the surface
 _CONTINUED = 1e-2  # least share of a side from which slides are fitted at a corner whose angle was wrong
 _ROUNDED = 1e-8  # shares of a side that are not used when Ω is mapped
 _SMOOTHING = 0.8  # factor of each power in holomorphic fields through the corners, so that low powers prevail
@@ -47,7 +47,7 @@ class _Galerkin(NamedTuple):
 
     normals: Float[np.ndarray, "n r"]  # normal derivatives at the nodes, times the weights
     factor: Float[np.ndarray, "r r"]  # lower triangle
-    kept: Int[np.ndarray, " r"]  # numbers among the real, then the imaginary parts of all functions
+    kept: Int[np.ndarray, " r"]  # numbers among the real and imaginary parts, in turn, of all functions
     size: Float[np.ndarray, " k2"]  # roots of twice the energies of all functions
 
 
@@ -82,24 +82,32 @@ class CornerForm:
         The last ones, one for each hole, are log|z − c|, with the derivatives of log(z − c). `from_poles` has the
         differences of points and poles, where they are known better than those of rounded positions.
         """
-        at = z[:, None]
-        k = np.arange(1, self.rims.powers[0] + 1)
-        power = at ** np.maximum(k - 2, 0)
-        slope = np.where(k > 1, power * at, 1.0)
-        columns = [np.stack([slope * at, k * slope, k * (k - 1) * power])]
-        for c, radius, count in zip(
-            self.circles.centres[1:], self.circles.radii[1:], self.rims.powers[1:], strict=True
-        ):
-            inverse, k = 1 / (at - c), np.arange(1, count + 1)
-            value = (radius * inverse) ** k
-            columns.append(np.stack([value, -k * value * inverse, k * (k + 1) * value * inverse**2]))
         poles, distances, _ = self.circles.poles(self.rims)
-        inverse = 1 / (at - poles if from_poles is None else from_poles)
-        value = distances * inverse
-        columns.append(np.stack([value, -value * inverse, 2 * value * inverse**2]))
-        inverse = 1 / (at - self.circles.centres[1:])
-        columns.append(np.stack([-np.log(np.abs(inverse)) + 0j, inverse, -(inverse**2)]))
-        return np.concatenate(columns, axis=2)
+        powers, radii = self.rims.powers, self.circles.radii
+        columns = slices([*powers, len(poles), len(powers) - 1])
+        found = np.empty((3, len(z), columns[-1].stop), dtype=np.complex128)
+        inverses = 1 / (z[:, None] - self.circles.centres[1:])
+        bases = [z, *(radii[1:] * inverses).T]
+        for rim, (base, count, own) in enumerate(zip(bases, powers, columns, strict=False)):
+            value, slope, bend = found[:, :, own]
+            k = np.arange(1, count + 1)
+            value[:] = base[:, None]
+            np.multiply.accumulate(value, axis=1, out=value)
+            if rim:
+                inverse = inverses[:, rim - 1, None]
+                np.multiply(-k, value * inverse, out=slope)
+                np.multiply(-(k + 1), slope * inverse, out=bend)
+            else:
+                slope[:, :1], bend[:, :1] = 1.0, 0.0
+                np.multiply(k[1:], value[:, :-1], out=slope[:, 1:])
+                np.multiply(k[1:], slope[:, :-1], out=bend[:, 1:])
+        inverse = 1 / (z[:, None] - poles if from_poles is None else from_poles)
+        value, slope, bend = found[:, :, columns[-2]]
+        np.multiply(distances, inverse, out=value)
+        np.multiply(-value, inverse, out=slope)
+        np.multiply(-2 * slope, inverse, out=bend)
+        found[:, :, columns[-1]] = -np.log(np.abs(inverses)), inverses, -(inverses**2)
+        return found
 
     @cached_property
     def at_nodes(self) -> Complex[np.ndarray, "3 n k"]:
@@ -122,13 +130,12 @@ class CornerForm:
 
     @cached_property
     def _galerkin(self) -> _Galerkin:
-        logarithms = len(self.circles.centres) - 1
-        value, slope, _ = self.at_nodes
-        flux = slope * self.nodes[1][:, None]
-        values = np.concatenate([value.real, value.imag[:, :-logarithms]], axis=1)
-        normals = np.concatenate([flux.imag, -flux.real[:, :-logarithms]], axis=1)
+        values = self.at_nodes[0].view(np.float64)
+        # the normal derivatives of real and imaginary parts alternate, as the parts themselves
+        normals = (self.at_nodes[1] * (-1j * self.nodes[1])[:, None]).view(np.float64)
+        normals[:, 1 - 2 * len(self.circles.centres[1:]) :: 2] = 0.0  # logarithms are real
         gram = values.T @ normals
-        size = np.sqrt(np.abs(np.diag(gram)))
+        size = np.sqrt(np.maximum(np.abs(np.diag(gram)), TINY))
         gram = (gram + gram.T) / (2 * size * size[:, None])
         factor, order, rank, _ = dpstrf(gram, tol=self.rims.resolution.dependent, lower=1)
         kept = order[:rank] - 1
@@ -150,11 +157,11 @@ class CornerForm:
 
     def coefficients(self, values: Float[np.ndarray, "n c"]) -> Complex[np.ndarray, "k c"]:
         """Coefficients of the functions whose real part has given values at the nodes."""
-        own, count = self._galerkin, self.at_nodes.shape[2]
+        own = self._galerkin
         found = solve_triangular(own.factor, self.projected(values), lower=True, trans="T")
-        both = np.zeros((2 * count, values.shape[1]))
+        both = np.zeros((len(own.size), values.shape[1]))
         both[own.kept] = found / own.size[own.kept, None]
-        return np.asarray(both[:count] - 1j * both[count:])
+        return np.asarray(both[::2] - 1j * both[1::2])
 
     @cached_property
     def moves(self) -> Moves:
@@ -226,18 +233,18 @@ class CorneredSurface:
     def _angles(self) -> Float[np.ndarray, " c"]:
         """Angles of the surface at the corners, over π: of those of Γ and the rest of a full turn the more probable.
 
-        It is on the same side of 1 as d log s/d log u beside the corner.
+        The sum of ∂X/∂n beside a corner points out of the surface.
         """
-        rims = self.form.rims
-        powers, shares = np.zeros(rims.corners), np.array(_NEAR)
-        near = np.stack([np.concatenate([shares, 1 - shares]), np.concatenate([1 - shares, shares])])
-        for side, columns in zip(rims.sides, rims.columns, strict=True):
-            if side.corners is not None:
-                sums = side.base(near) + side.modes(near) @ self.slides[columns]
-                steps = np.diff(sums.reshape(2, 2)).ravel() / np.diff(np.log(near[0] / near[1]).reshape(2, 2)).ravel()
-                np.add.at(powers, list(side.corners), steps / 2)
-        given = rims.exponents
-        return np.where((powers > 1) == (given > 1), given, 2 - given)
+        rims, normals = self.form.rims, self.form.root @ self._projected
+        outwards, between = np.zeros((2, rims.corners, 3))
+        for side, rows in zip(rims.sides, rims.rows, strict=True):
+            tangents = unit(self._points[1, [rows.start, rows.stop - 1]])
+            ends = zip(side.corners or (), side.shares, (tangents[0], -tangents[1]), strict=False)
+            for corner, share, tangent in ends:
+                outwards[corner] += normals[rows][share < _NEAR].sum(axis=0)
+                between[corner] += tangent
+        given, is_reflex = rims.exponents, (outwards * between).sum(axis=1) > 0
+        return np.where(is_reflex == (given > 1), given, 2 - given)
 
     def refitted(self, resolution: Resolution) -> CorneredSurface:
         """The surface with probable angles at corners, another resolution, and modes for gaps between circles."""
@@ -267,9 +274,11 @@ class CorneredSurface:
         (_, tangent, bend), modes, root = self._points, form.rims.modes, form.root
         normal = root @ self._projected
         pull = (tangent * normal).sum(1)
-        turned = form.rims.by_modes((tangent[:, :, None] * root[:, None]).reshape(len(root), -1)).reshape(
-            len(modes.T), -1
-        )
+        parts = []
+        for rows, columns in zip(form.rims.rows, form.rims.columns, strict=True):
+            moved = modes[rows, columns, None] * tangent[rows, None]
+            parts.append(np.tensordot(moved, root[rows], (0, 0)).reshape(moved.shape[1], -1))
+        turned = np.concatenate(parts)
         own = form.rims.by_modes((bend * normal).sum(1)[:, None] * modes) + turned @ turned.T
         (_, steps), (_, slopes, bends) = form.nodes, form.at_nodes
         phi, phi_slope = slopes @ self.coefficients, bends @ self.coefficients

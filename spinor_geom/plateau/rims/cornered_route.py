@@ -37,8 +37,9 @@ from spinor_geom.plateau.steps import SPENT
 _FREQUENCIES = 20, 96  # least and largest number of frequencies of a rim without corners
 _SPECTRUM = 1e-7  # share of the amplitude of Γ above the frequencies of the slide, which has half of them
 _SAMPLES = 256  # of Γ for its spectrum
-# Modes of the start's slides that are fitted to nodes, and the least share of a side between these and its ends
-_START_MODES, _INSIDE = 3, 0.02
+# Share of the allowed distance to reach if finer corners do. They take as long as all before.
+_WELL_BELOW = 1e-2
+_ANGLES_SHOW = 1e-2  # relative decrease of the energy at which the slides show the angles of the surface at corners
 
 
 def solve_with_corners(problem: PlateauProblem, oriented: OrientedSurface) -> RouteResult:
@@ -52,13 +53,13 @@ def solve_with_corners(problem: PlateauProblem, oriented: OrientedSurface) -> Ro
     """
     start = _Start.of(problem, oriented)
     with problem.clock.stage("slides"):
-        surface = stationary(start.surface, problem.steps, ROUGHLY)
+        surface = stationary(start.surface, problem.steps, _ANGLES_SHOW)
         surface = stationary(surface.refitted(COARSE), problem.steps, ROUGHLY)
         surface = stationary(surface.refitted(ROUGH), problem.steps)
     found, limits = list[LiftedSurface](), ["more poles at the corners do not reduce the residual further"]
     with suppress(SurfaceError):  # the signs of p and q may be unclear near corners of a coarse surface
         found.append(_lifted(problem, start, surface))
-    if not found or problem.excess(found[0].misfit) > 1:
+    if not found or problem.excess(found[0].misfit) > _WELL_BELOW:
         with _improvement(limits) if found else nullcontext():
             with problem.clock.stage("slides"):
                 surface = stationary(surface.refitted(FINE), problem.steps)
@@ -170,25 +171,18 @@ class _Start:
         return np.asarray(np.where(is_reflex, 2 * np.pi - angles, angles) / np.pi)
 
     def _modes(self, side: Side) -> Float[np.ndarray, " k"]:
-        """Coefficients of the modes of a side's slide."""
+        """Coefficients of the modes of a slide: those of a rim without corners, else 0.
+
+        Few nodes do not show slides between corners.
+        """
+        if side.corners is not None:
+            return np.zeros(side.degree + 1)
         arguments, slides = _around(self.arguments[side.rim], 2 * np.pi), _around(self.slides[side.rim], 1.0)
-        if side.corners is None:
-            u = side.shares[0]
-            spectrum = np.fft.rfft(np.interp(2 * np.pi * u, arguments, slides - arguments / (2 * np.pi))) / len(u)
-            spectrum[min(side.frequencies, self.slides.shape[1] // 4) :] = 0
-            waves = 2 * spectrum[1 : side.frequencies]
-            return np.concatenate([spectrum[:1].real, waves.real, -waves.imag])
-        first, last = self.circles.arguments[list(side.corners)].tolist()
-        u = (arguments - first) / ((last - first) % (2 * np.pi) or 2 * np.pi)
-        s = (slides - side.start) % 1 / side.length
-        inside = (np.abs(u - 0.5) < 0.5 - _INSIDE) & (np.abs(s - 0.5) < 0.5 - _INSIDE)
-        shares = np.stack([u[inside], 1 - u[inside]])
-        modes = side.modes(shares)
-        coefficients = np.zeros(modes.shape[1])
-        if len(modes) > _START_MODES:
-            wanted = np.log(s[inside] / (1 - s[inside])) - side.base(shares)
-            coefficients[:_START_MODES] = np.linalg.lstsq(modes[:, :_START_MODES], wanted, rcond=None)[0]
-        return coefficients
+        u = side.shares[0]
+        spectrum = np.fft.rfft(np.interp(2 * np.pi * u, arguments, slides - arguments / (2 * np.pi))) / len(u)
+        spectrum[min(side.frequencies, self.slides.shape[1] // 4) :] = 0
+        waves = 2 * spectrum[1 : side.frequencies]
+        return np.concatenate([spectrum[:1].real, waves.real, -waves.imag])
 
 
 def _around(values: Float[np.ndarray, " n"], period: float) -> Float[np.ndarray, " n3"]:

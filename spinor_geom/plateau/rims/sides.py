@@ -25,6 +25,8 @@ _FAR = 7.0
 # Beyond the last pole of a corner, u decreases double exponentially: from exp(−_BEYOND) times its distance, in log u,
 # to 1e-8 of that.
 _BEYOND, _TAIL = 3.0, 2.8
+# κ of the coordinate tanh(κ log u) of slides, which are smooth in √u: powers of u are half-integers at right angles
+_RATE = 0.25
 _TABLE = 1000  # points of the function that is inverted for the nodes; Newton's method follows
 
 
@@ -34,9 +36,14 @@ class Resolution(NamedTuple):
     depth: float  # −log u of the last pole at a corner with α = π/2; less for larger angles
     degree: int  # of the Chebyshev polynomials of a side's slide
     decay: float  # σ in the distances exp(−σ(√n − √k)) of poles from a corner
+    rate: float  # κ of the coordinate tanh(κ log u) of slides, at corners with angles above 180°
     # Of the trapezoid rule in log u. The field of a pole at a corner is analytic for |Im log u| < π/2, and the error is
     # exp(−π²/step).
     step: float
+
+    def rate_at(self, exponent: float) -> float:
+        """κ at a corner with a given angle over π."""
+        return self.rate if exponent > 1 else _RATE
 
     @property
     def dependent(self) -> float:
@@ -47,9 +54,14 @@ class Resolution(NamedTuple):
         return 200 * math.exp(-(math.pi**2) / self.step)
 
 
-# The start has few modes: with many, slides far from the solution find values that few poles take for less energy.
-# Afterwards, the boundary is within 2e-4 of a side at corners of 90°, and within 5e-6.
-COARSE, ROUGH, FINE = Resolution(11.0, 6, 5.0, 0.4), Resolution(16.6, 20, 5.0, 0.4), Resolution(25.0, 28, 4.0, 0.3)
+# The start has few modes: with many, slides far from the solution find values that few poles take for less energy. Near
+# corners with angles above 180° its slides are flat, because there the energy hardly depends on them. Afterwards, the
+# boundary is within 5e-5 of a side at corners of 90°, and within 5e-6.
+COARSE, ROUGH, FINE = (
+    Resolution(depth=11.0, degree=6, decay=5.0, rate=0.5, step=0.4),
+    Resolution(depth=20.0, degree=20, decay=5.0, rate=_RATE, step=0.4),
+    Resolution(depth=25.0, degree=28, decay=4.0, rate=_RATE, step=0.3),
+)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -98,6 +110,7 @@ class Side:
     shares: Float[np.ndarray, "2 n"]  # u and 1 − u
     weights: Float[np.ndarray, " n"]  # of integrals over u
     degree: int  # of the polynomials of its slide
+    rates: tuple[float, float]  # κ of their coordinate at its ends
     place: Place  # slides are smooth functions of it, also at narrow gaps
 
     @classmethod
@@ -124,6 +137,7 @@ class Side:
             shares=shares,
             weights=weights,
             degree=resolution.degree,
+            rates=(resolution.rate_at(exponents[0]), resolution.rate_at(exponents[1])),
             place=place,
         )
 
@@ -142,6 +156,7 @@ class Side:
             shares=np.stack([u, 1 - u]),
             weights=np.full(n, 1 / n),
             degree=0,
+            rates=(_RATE, _RATE),
             place=Place.even(),
         )
 
@@ -157,9 +172,9 @@ class Side:
         if self.corners is None:
             turns = 2 * np.pi * np.arange(1, self.frequencies) * shares[0, :, None]
             return np.concatenate([np.ones((len(turns), 1)), np.cos(turns), np.sin(turns)], axis=1)
-        # logit s is smooth in √u: powers of u in s are half-integers at right angles
         first, last = self._logarithms(shares)
-        return np.asarray(np.polynomial.chebyshev.chebvander(np.tanh((first - last) / 4), self.degree))
+        at = np.tanh(self.rates[0] * first - self.rates[1] * last)
+        return np.asarray(np.polynomial.chebyshev.chebvander(at, self.degree))
 
     def _logarithms(self, shares: Float[np.ndarray, "2 n"]) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
         """Logarithms of `place` from both ends, as shares, at given u and 1 − u."""
