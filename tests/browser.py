@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
@@ -36,7 +35,7 @@ class Visit:
 
 
 @contextmanager
-def browser() -> Iterator[Any]:
+def browser():
     """A headless browser that can draw WebGL.
 
     Yields:
@@ -61,7 +60,7 @@ def browser() -> Iterator[Any]:
 
 
 @contextmanager
-def visit(browser: Any, address: str, *, ready: bool = False) -> Iterator[Visit]:
+def visit(browser, address, *, ready=False):
     """Opens an address, records the errors and requests of the page, and blocks the network.
 
     Args:
@@ -76,7 +75,7 @@ def visit(browser: Any, address: str, *, ready: bool = False) -> Iterator[Visit]
     page.set_viewport_size({"width": 1280, "height": 900})
     opened = Visit(page=page)
 
-    def answer(route: Any) -> None:
+    def answer(route):
         if route.request.url.startswith(_LOCAL):
             route.fallback()
         else:

@@ -1,7 +1,5 @@
 """Solved Plateau problems whose surface is known: polynomial spinors on a disk, with their own rim as the loop."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +12,6 @@ from spinor_geom.plateau.evidence import Evidence
 from spinor_geom.plateau.misfit import BoundaryResidual
 from spinor_geom.plateau.rim_match import RimMatch
 from spinor_geom.plateau.solution import PlateauSolution
-from spinor_geom.plateau.stability import Stability
 from spinor_geom.surface.array_surface import ArraySurface
 
 # coefficients of z⁰, z¹, … as pairs (p, q)
@@ -58,7 +55,7 @@ def exact_solution(coefficients, vertices, radius=1.0, scale=1.0):
     )
 
 
-def with_stability(solution: PlateauSolution, stability: Stability) -> PlateauSolution:
+def with_stability(solution, stability):
     """A solution with a verdict that is given and not computed."""
     evidence = Evidence(make=lambda: solution.surface)
     evidence.__dict__["stability"] = stability

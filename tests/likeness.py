@@ -1,7 +1,5 @@
 """Whether two pictures show the same, independently of size, colour table and machine."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +9,7 @@ from PIL import Image
 SAME = 0.01
 
 
-def difference(one: Path | Image.Image, other: Path | Image.Image) -> float:
+def difference(one, other):
     """Mean difference of the grey values of both, blurred to 120 × 60 points, per range."""
     images = [Image.open(picture) if isinstance(picture, Path) else picture for picture in (one, other)]
     small = [np.asarray(image.convert("L").resize((120, 60), Image.Resampling.BOX), float) for image in images]

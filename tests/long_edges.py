@@ -3,13 +3,13 @@
 import numpy as np
 
 
-def arc(degrees: float, edges: int) -> np.ndarray:
+def arc(degrees, edges):
     """Points of a part of the unit circle, both ends included."""
     t = np.radians(degrees) * np.arange(edges + 1) / edges
     return np.stack([np.cos(t), np.sin(t), 0 * t], axis=1)
 
 
-def gaps(count: int, degrees: float, edges: int) -> np.ndarray:
+def gaps(count, degrees, edges):
     """A circle with equal gaps between arcs."""
     own = 360 / count
     turns = np.radians(own * np.arange(count))
@@ -18,24 +18,24 @@ def gaps(count: int, degrees: float, edges: int) -> np.ndarray:
     return np.stack([z.real, z.imag, 0 * z.real], axis=1)
 
 
-def sector(degrees: float, edges: int) -> np.ndarray:
+def sector(degrees, edges):
     """An arc and two straight sides to the centre."""
     return np.vstack([arc(degrees, edges), np.zeros((1, 3))])
 
 
-def fine_side(edges: int) -> np.ndarray:
+def fine_side(edges):
     """A square with one side divided."""
     side = np.arange(edges)[:, None] / edges * [1, 0, 0]
     return np.vstack([side, [[1, 0, 0], [1, 1, 0], [0, 1, 0]]])
 
 
-def stadium(length: float, edges: int) -> np.ndarray:
+def stadium(length, edges):
     """Two half circles and two straight sides of a given length."""
     end = arc(180, edges) @ [[0, 1, 0], [-1, 0, 0], [0, 0, 1]]
     return np.vstack([[length / 2, 0, 0] - end @ np.diag([1, 1, 0]), end - [length / 2, 0, 0]])
 
 
-def rounded_corner(radius: float, edges: int) -> np.ndarray:
+def rounded_corner(radius, edges):
     """A triangle with one corner rounded off: the arc goes over into the sides."""
     tip = radius * arc(120, edges) @ [[0.5, -(0.75**0.5), 0], [0.75**0.5, 0.5, 0], [0, 0, 1]]
     return np.vstack([tip, [[-3, 2 * radius + 3**0.5, 0], [-3, -2 * radius - 3**0.5, 0]]])
@@ -53,6 +53,6 @@ FLAT = {
 }
 
 
-def polygon_area(points: np.ndarray) -> float:
+def polygon_area(points):
     """Area inside a plane polygon."""
     return float(np.linalg.norm(np.cross(points, np.roll(points, -1, axis=0)).sum(axis=0)) / 2)

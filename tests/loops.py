@@ -1,7 +1,5 @@
 """Loops whose minimal surfaces are known, for tests of the discrete and the exact solver."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
@@ -12,13 +10,13 @@ L_SHAPE = ((0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2))
 RAMP = (3.0, 0.35, 2.0)
 
 
-def polygon_area(corners) -> float:
+def polygon_area(corners):
     """Area of a plane polygon."""
     x, y = np.transpose(corners)
     return float(0.5 * (x @ np.roll(y, -1) - y @ np.roll(x, -1)))
 
 
-def planar(corners, edges: int) -> BoundaryLoop:
+def planar(corners, edges):
     """A polygon in the plane z = 0, its sides divided into about so many edges of one length, its corners marked."""
     c = np.column_stack([corners, np.zeros(len(corners))])
     side = np.linalg.norm(np.roll(c, -1, axis=0) - c, axis=1)
@@ -27,12 +25,12 @@ def planar(corners, edges: int) -> BoundaryLoop:
     return BoundaryLoop.from_points(np.concatenate(points), corners=np.cumsum(count) - count)
 
 
-def slit() -> BoundaryLoop:
+def slit():
     """A rectangle one triangle wide and 45 long."""
     return planar([(0, 0), (45, 0), (45, 0.87), (0, 0.87)], 92)
 
 
-def ramp(turns: float, points: int = 160) -> BoundaryLoop:
+def ramp(turns, points=160):
     """The rim of a helicoidal ramp. Its helicoid has the area `ramp_area`."""
     radius, half, pitch = RAMP
     a = 2 * np.pi * turns * np.arange(points // 2) / (points // 2)
@@ -41,7 +39,7 @@ def ramp(turns: float, points: int = 160) -> BoundaryLoop:
     return BoundaryLoop.from_points(np.concatenate([middle + across, (middle - across)[::-1]]))
 
 
-def noisy_ellipse(points: int = 100, ratio: float = 2.0, amount: float = 0.2, seed: int = 0) -> BoundaryLoop:
+def noisy_ellipse(points=100, ratio=2.0, amount=0.2, seed=0):
     """A saddle-shaped ellipse whose points are moved by a share of the edge length: a ragged rim."""
     t = 2 * np.pi * np.arange(4000) / 4000
     fine = np.stack([ratio * np.cos(t), np.sin(t), 0.3 * np.sin(2 * t)], axis=1)
@@ -52,14 +50,14 @@ def noisy_ellipse(points: int = 100, ratio: float = 2.0, amount: float = 0.2, se
     return BoundaryLoop.from_points(smooth + amount * edge * np.random.default_rng(seed).normal(size=smooth.shape))
 
 
-def uneven(points: int, seed: int = 0, amount: float = 0.3) -> BoundaryLoop:
+def uneven(points, seed=0, amount=0.3):
     """Points of a smooth curve of four harmonics, at steps of its parameter that vary by a share of their mean."""
     rng = np.random.default_rng(seed)
     t = 2 * np.pi * (np.arange(points) + amount * rng.uniform(-1, 1, points)) / points
     return BoundaryLoop.from_points(_of_harmonics(seed, t))
 
 
-def _of_harmonics(seed: int, t: np.ndarray) -> np.ndarray:
+def _of_harmonics(seed, t):
     rng = np.random.default_rng([seed, 1])
     curve = np.stack([np.cos(t), np.sin(t), 0 * t], axis=1)
     for k in range(2, 5):
@@ -68,12 +66,12 @@ def _of_harmonics(seed: int, t: np.ndarray) -> np.ndarray:
     return curve
 
 
-def evenly(points: int, seed: int = 0) -> BoundaryLoop:
+def evenly(points, seed=0):
     """The curve of `uneven` at equal steps of its parameter."""
     return BoundaryLoop.from_points(_of_harmonics(seed, 2 * np.pi * np.arange(points) / points))
 
 
-def is_disk_on(loop: BoundaryLoop, vertices, faces) -> bool:
+def is_disk_on(loop, vertices, faces):
     """Whether faces are one disk on all the vertices whose boundary runs along the loop, in its direction."""
     m = len(loop)
     directed = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
@@ -88,7 +86,7 @@ def is_disk_on(loop: BoundaryLoop, vertices, faces) -> bool:
     )
 
 
-def figure_eight() -> np.ndarray:
+def figure_eight():
     """A plane curve of complex numbers that crosses itself once, between its points."""
     t = 2 * np.pi * (np.arange(80) + 0.3) / 80
     return np.sin(t) + 1j * np.sin(2 * t)

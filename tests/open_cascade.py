@@ -1,12 +1,9 @@
 """Measurements of shapes by Open CASCADE itself."""
 
-from typing import Any
-
 import numpy as np
-from jaxtyping import Float
 
 
-def area_of(shape: Any) -> float:
+def area_of(shape):
     """In squared millimetres."""
     from OCP.BRepGProp import BRepGProp
     from OCP.GProp import GProp_GProps
@@ -16,13 +13,13 @@ def area_of(shape: Any) -> float:
     return float(properties.Mass())
 
 
-def is_valid(shape: Any) -> bool:
+def is_valid(shape):
     from OCP.BRepCheck import BRepCheck_Analyzer
 
     return bool(BRepCheck_Analyzer(shape).IsValid())
 
 
-def count(shape: Any, kind: str) -> int:
+def count(shape, kind):
     """Number of faces, shells, wires or edges; shared edges count once for each face."""
     from OCP import TopAbs
     from OCP.TopExp import TopExp_Explorer
@@ -34,7 +31,7 @@ def count(shape: Any, kind: str) -> int:
     return found
 
 
-def free_wires(shape: Any) -> tuple[int, int, int]:
+def free_wires(shape):
     """Numbers of closed and open wires of free edges, and of the edges of the closed ones."""
     from OCP.ShapeAnalysis import ShapeAnalysis_FreeBounds
 
@@ -43,7 +40,7 @@ def free_wires(shape: Any) -> tuple[int, int, int]:
     return count(closed, "wire"), 0 if opened.IsNull() else count(opened, "wire"), count(closed, "edge")
 
 
-def distances(shape: Any, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
+def distances(shape, points):
     """Distances of points from a shape."""
     from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeVertex
     from OCP.BRepExtrema import BRepExtrema_DistShapeShape
@@ -53,7 +50,7 @@ def distances(shape: Any, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray,
     return np.array([BRepExtrema_DistShapeShape(vertex, shape).Value() for vertex in vertices])
 
 
-def free_boundary(shape: Any) -> Any:
+def free_boundary(shape):
     """The wires of free edges."""
     from OCP.ShapeAnalysis import ShapeAnalysis_FreeBounds
 

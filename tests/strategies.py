@@ -21,7 +21,7 @@ class RigidMotion:
     rotation: np.ndarray
     translation: np.ndarray
 
-    def __call__(self, points: np.ndarray) -> np.ndarray:
+    def __call__(self, points):
         return points @ self.rotation.T + self.translation
 
 
@@ -36,7 +36,7 @@ class HoledDisk:
 
 
 @st.composite
-def rigid_motions(draw: st.DrawFn, max_shift: float = 10.0) -> RigidMotion:
+def rigid_motions(draw, max_shift=10.0):
     """Rotations uniform in SO(3) with a shift of up to `max_shift` along each axis."""
     random = np.random.default_rng(draw(SEEDS))
     orthogonal, triangular = np.linalg.qr(random.normal(size=(3, 3)))
@@ -47,7 +47,7 @@ def rigid_motions(draw: st.DrawFn, max_shift: float = 10.0) -> RigidMotion:
 
 
 @st.composite
-def smooth_loops(draw: st.DrawFn, min_points: int = 24, max_points: int = 120, harmonics: int = 3) -> np.ndarray:
+def smooth_loops(draw, min_points=24, max_points=120, harmonics=3):
     """(M, 3) points of a random trigonometric curve around a unit circle, in order. Its curvature is bounded."""
     count = draw(st.integers(min_points, max_points))
     random = np.random.default_rng(draw(SEEDS))
@@ -60,7 +60,7 @@ def smooth_loops(draw: st.DrawFn, min_points: int = 24, max_points: int = 120, h
 
 
 @st.composite
-def rough_loops(draw: st.DrawFn, max_noise: float = 0.25, **options: int) -> np.ndarray:
+def rough_loops(draw, max_noise=0.25, **options):
     """(M, 3) points of a smooth loop, each moved by Gaussian noise of up to `max_noise` of the mean edge length."""
     points = draw(smooth_loops(**options))
     random = np.random.default_rng(draw(SEEDS))
@@ -69,7 +69,7 @@ def rough_loops(draw: st.DrawFn, max_noise: float = 0.25, **options: int) -> np.
 
 
 @st.composite
-def analytic_boundaries(draw: st.DrawFn, harmonics: int = 5, most: float = 0.5) -> FourierBoundary:
+def analytic_boundaries(draw, harmonics=5, most=0.5):
     """Random deformations of the circle that are simple: Σ |k c_k| over all k but 1 is at most `most` < 1 = |c_1|."""
     random = np.random.default_rng(draw(SEEDS))
     k = np.arange(-harmonics, harmonics + 1)
@@ -81,7 +81,7 @@ def analytic_boundaries(draw: st.DrawFn, harmonics: int = 5, most: float = 0.5) 
 
 
 @st.composite
-def holed_disks(draw: st.DrawFn, max_holes: int = 5) -> HoledDisk:
+def holed_disks(draw, max_holes=5):
     """Curved triangulated disks with one-ring holes that share no vertex with each other or with the rim."""
     faces, points = _planar_triangulation(draw, min_points=80, max_points=250)
     rim = _rim(faces)
@@ -103,7 +103,7 @@ def holed_disks(draw: st.DrawFn, max_holes: int = 5) -> HoledDisk:
 
 
 @st.composite
-def ragged_meshes(draw: st.DrawFn) -> TriangleMesh:
+def ragged_meshes(draw):
     """A triangulated disk from which random faces were removed: bow-ties, islands, loose vertices."""
     faces, points = _planar_triangulation(draw, min_points=8, max_points=60)
     random = np.random.default_rng(draw(SEEDS))
@@ -112,7 +112,7 @@ def ragged_meshes(draw: st.DrawFn) -> TriangleMesh:
     return TriangleMesh(_lifted(points, random), faces[kept])
 
 
-def _planar_triangulation(draw: st.DrawFn, *, min_points: int, max_points: int) -> tuple[np.ndarray, np.ndarray]:
+def _planar_triangulation(draw, *, min_points, max_points):
     """Counter-clockwise Delaunay triangles over random points of the unit square, every point used."""
     random = np.random.default_rng(draw(SEEDS))
     points = random.uniform(size=(draw(st.integers(min_points, max_points)), 2))
@@ -123,13 +123,13 @@ def _planar_triangulation(draw: st.DrawFn, *, min_points: int, max_points: int) 
     return faces, points
 
 
-def _rim(faces: np.ndarray) -> set[int]:
+def _rim(faces):
     edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     unique, counts = np.unique(edges, axis=0, return_counts=True)
     return set(unique[counts == 1].ravel().tolist())
 
 
-def _lifted(points: np.ndarray, random: np.random.Generator) -> np.ndarray:
+def _lifted(points, random):
     """The points as a smooth graph over the plane."""
     a, b, phase = random.uniform(-3.0, 3.0, size=3)
     return np.column_stack([points, 0.2 * np.sin(a * points[:, 0] + b * points[:, 1] + phase)])

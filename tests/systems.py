@@ -2,8 +2,6 @@
 
 import os
 import sys
-from collections.abc import Iterable
-from typing import Any
 
 import pytest
 
@@ -15,7 +13,7 @@ undecodable = pytest.mark.skipif(
 )
 
 
-def every_second(values: Iterable[Any]) -> list[Any]:
+def every_second(values):
     """Parameters of a test with many similar ones. Every second one is marked slow."""
     return [pytest.param(value, marks=pytest.mark.slow if k % 2 else ()) for k, value in enumerate(values)]
 
@@ -23,10 +21,10 @@ def every_second(values: Iterable[Any]) -> list[Any]:
 class OnUse:
     """A package that takes a second to import, and so is imported on use. Where it is missing its tests are skipped."""
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name):
         self._name = name
 
-    def __getattr__(self, attribute: str) -> Any:
+    def __getattr__(self, attribute):
         if attribute.startswith("_"):  # pytest looks for its own
             raise AttributeError(attribute)
         return getattr(pytest.importorskip(self._name), attribute)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -34,7 +32,7 @@ Pair = tuple[np.ndarray, np.ndarray]
 V, F = tube()
 
 
-def put(array: np.ndarray, place: object, value: object) -> np.ndarray:
+def put(array, place, value):
     """A copy with another entry."""
     changed = array.copy()
     changed[place] = value
@@ -65,14 +63,14 @@ UNFIT: dict[str, tuple[Pair, str, list[str]]] = {
 
 
 @pytest.mark.parametrize(("broken", "error", "words"), REFUSED.values(), ids=REFUSED)
-def test_a_broken_mesh_is_refused_by_name(broken: Pair, error: type[SpinorGeomError], words: str) -> None:
+def test_a_broken_mesh_is_refused_by_name(broken, error, words):
     for function in (fill_hole, boundary_loops):
         with pytest.raises(error, match=words):
             function(broken)
 
 
 @pytest.mark.parametrize(("broken", "words", "kinds"), UNFIT.values(), ids=UNFIT)
-def test_faces_that_do_not_fit_at_a_rim_are_reported_with_its_patch(broken: Pair, words: str, kinds: list[str]) -> None:
+def test_faces_that_do_not_fit_at_a_rim_are_reported_with_its_patch(broken, words, kinds):
     _, report = fill_hole(broken, return_report=True)
     assert sorted(map(str, (outcome.kind for outcome in report.loops)), reverse=True) == kinds
     assert any(re.search(words, sentence) for sentence in report.shortcomings), report.shortcomings
@@ -81,7 +79,7 @@ def test_faces_that_do_not_fit_at_a_rim_are_reported_with_its_patch(broken: Pair
         fill_hole(broken)
 
 
-def test_a_rim_in_one_point_is_the_only_shortcoming_reported() -> None:
+def test_a_rim_in_one_point_is_the_only_shortcoming_reported():
     vertices, faces = tube()
     vertices[:16] = vertices[0]
     _, report = fill_hole((vertices, faces), return_report=True)
@@ -90,7 +88,7 @@ def test_a_rim_in_one_point_is_the_only_shortcoming_reported() -> None:
 
 
 @pytest.mark.parametrize("scale", [1e-65, 1e-12, 1e12, 1e65])
-def test_the_unit_of_length_does_not_matter(scale: float) -> None:
+def test_the_unit_of_length_does_not_matter(scale):
     vertices, faces = tube()
     reports = [fill_hole((vertices * unit, faces), return_report=True)[1] for unit in (1.0, scale)]
     assert all(report.complete and report.watertight and report.intersection_free for report in reports)
@@ -98,7 +96,7 @@ def test_the_unit_of_length_does_not_matter(scale: float) -> None:
     assert np.array(scaled) / scale**2 == pytest.approx(own, rel=1e-12)
 
 
-def test_a_bow_tie_vertex_is_split_into_two_holes() -> None:
+def test_a_bow_tie_vertex_is_split_into_two_holes():
     # two folded quads that share one vertex
     vertices, faces = folded_quad()
     other = np.vstack([vertices[1:] + np.array([3.0, 0.0, 0.0]), vertices[:1]])
@@ -111,7 +109,7 @@ def test_a_bow_tie_vertex_is_split_into_two_holes() -> None:
     assert is_watertight(filled[1])
 
 
-def write(path: Path, content: str | bytes) -> Path:
+def write(path, content):
     path.write_bytes(content.encode() if isinstance(content, str) else content)
     return path
 
@@ -129,9 +127,7 @@ BAD_FILES: list[tuple[str, str | bytes]] = [
 
 @pytest.mark.parametrize(("name", "content"), BAD_FILES)
 @pytest.mark.parametrize("command", ["fill", "loops"])
-def test_a_bad_file_gives_one_sentence_and_status_2(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], command: str, name: str, content: str | bytes
-) -> None:
+def test_a_bad_file_gives_one_sentence_and_status_2(tmp_path, capsys, command, name, content):
     path = tmp_path / name if name.startswith("missing") else write(tmp_path / name, content)
     output = tmp_path / "out" / "filled.obj"
     status = main([command, str(path), *(["-o", str(output)] if command == "fill" else [])])
@@ -164,7 +160,7 @@ def test_a_bad_file_gives_one_sentence_and_status_2(
         ([], "COMMAND"),
     ],
 )
-def test_bad_arguments_are_explained(capsys: pytest.CaptureFixture[str], arguments: list[str], words: str) -> None:
+def test_bad_arguments_are_explained(capsys, arguments, words):
     with pytest.raises(SystemExit) as stop:
         main(arguments)
     assert stop.value.code == 2
@@ -173,7 +169,7 @@ def test_bad_arguments_are_explained(capsys: pytest.CaptureFixture[str], argumen
 
 @pytest.mark.parametrize("option", ["--report", "--html", "--picture"])
 @pytest.mark.parametrize("name", ["tube.obj", "o.obj"])
-def test_a_file_named_twice_is_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str, name: str) -> None:
+def test_a_file_named_twice_is_kept(tmp_path, capsys, option, name):
     path = write(tmp_path / "tube.obj", obj_text(*tube()))
     assert main(["fill", str(path), "-o", str(tmp_path / "o.obj"), option, str(tmp_path / "x" / ".." / name)]) == 2
     assert f"{name} is given twice" in capsys.readouterr().err
@@ -195,6 +191,6 @@ WRONG_TYPES = {
 
 
 @pytest.mark.parametrize("call", WRONG_TYPES.values(), ids=WRONG_TYPES)
-def test_wrong_argument_types_are_refused_with_the_right_ones(call: Callable[[], object]) -> None:
+def test_wrong_argument_types_are_refused_with_the_right_ones(call):
     with pytest.raises(ArgumentTypeError, match=r"takes .*, not "):
         call()

@@ -1,6 +1,4 @@
 import json
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -82,12 +80,12 @@ def test_plane_is_the_same_for_both_methods():
 
 
 @pytest.fixture(scope="module")
-def known() -> Any:
+def known():
     return gallery.enneper(0.8)
 
 
 @pytest.mark.parametrize("points", [24, 64])
-def test_both_meshes_are_measured_against_the_surface_as_its_formula_has_it(known: Any, points: int) -> None:
+def test_both_meshes_are_measured_against_the_surface_as_its_formula_has_it(known, points):
     rim = known.rim(points)
     comparison = compare(rim, spokes(rim.points))
     patch = mesh_patch(solve_plateau(rim))
@@ -103,7 +101,7 @@ def test_both_meshes_are_measured_against_the_surface_as_its_formula_has_it(know
     assert comparison.surface_error < comparison.patch_to_surface.max / 10
 
 
-def test_what_a_user_holds_is_compared(known: Any, tmp_path: Path) -> None:
+def test_what_a_user_holds_is_compared(known, tmp_path):
     rim = known.rim(24)
     vertices, faces = spokes(rim.points)
     pipe = collar(rim.points, [0, 0, 1])
@@ -123,7 +121,7 @@ def test_what_a_user_holds_is_compared(known: Any, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("loop", [0, 1])
-def test_the_patch_of_a_filled_mesh_is_compared(loop: int) -> None:
+def test_the_patch_of_a_filled_mesh_is_compared(loop):
     mesh = tube()
     filled, report = fill_hole(mesh, return_report=True)
     patch = report.loops[loop].patch
@@ -133,7 +131,7 @@ def test_the_patch_of_a_filled_mesh_is_compared(loop: int) -> None:
     assert given.baseline_area == pytest.approx(wanted.baseline_area, rel=1e-12)
 
 
-def test_two_rims_are_compared_with_a_strip_of_mine() -> None:
+def test_two_rims_are_compared_with_a_strip_of_mine():
     strip = collar(circle(24, height=-0.5), [0, 0, 1])
     comparison = compare([circle(24, height=-0.5), circle(24, height=0.5)], (strip[0], strip[1][:, ::-1]))
     # the catenoid's neck of 0.848 in a cylinder of radius 1
@@ -142,7 +140,7 @@ def test_two_rims_are_compared_with_a_strip_of_mine() -> None:
         compare([circle(24, height=-2), circle(24, height=2)])
 
 
-def test_what_cannot_be_compared_is_refused_with_a_sentence(known: Any) -> None:
+def test_what_cannot_be_compared_is_refused_with_a_sentence(known):
     rim = known.rim(24)
     vertices, faces = spokes(rim.points)
     two = TriangleMesh(np.vstack([vertices, vertices + 5]), np.concatenate([faces, faces + 25]))

@@ -1,7 +1,5 @@
 """A time limit holds inside its block only, and the earlier of two nested limits holds."""
 
-from __future__ import annotations
-
 import math
 
 import pytest
@@ -10,14 +8,14 @@ from spinor_geom.deadline import is_out_of_time, require_time, time_limit
 from spinor_geom.errors import OutOfTimeError
 
 
-def test_without_a_limit_there_is_always_time() -> None:
+def test_without_a_limit_there_is_always_time():
     assert not is_out_of_time()
     require_time()
     with time_limit(math.inf):
         assert not is_out_of_time()
 
 
-def test_the_earlier_of_nested_limits_counts_and_ends_with_its_block() -> None:
+def test_the_earlier_of_nested_limits_counts_and_ends_with_its_block():
     with time_limit(1e3):
         with time_limit(-1.0):
             assert is_out_of_time()
@@ -28,7 +26,7 @@ def test_the_earlier_of_nested_limits_counts_and_ends_with_its_block() -> None:
         assert not is_out_of_time()
 
 
-def test_an_error_ends_the_limit_too() -> None:
+def test_an_error_ends_the_limit_too():
     with pytest.raises(ZeroDivisionError), time_limit(-1.0):
         raise ZeroDivisionError
     assert not is_out_of_time()

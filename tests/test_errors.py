@@ -1,7 +1,5 @@
 """Every error has a message, wherever it is raised, and keeps its type, message and fields when it is pickled."""
 
-from __future__ import annotations
-
 import ast
 import copy
 import importlib
@@ -18,7 +16,7 @@ from spinor_geom import errors
 from spinor_geom.errors import NonFiniteVertexError, SpinorGeomError
 
 
-def fields_of(kind: type[SpinorGeomError]) -> set[str]:
+def fields_of(kind):
     """The fields in the message of a type."""
     return {name.partition("[")[0] for _, name, _, _ in string.Formatter().parse(kind.sentence) if name}
 
@@ -55,16 +53,16 @@ OWN = {  # what types with an `__init__` of their own are made of
 class Value(int):
     """A number that can be formatted by every message, also as a pair."""
 
-    def __getitem__(self, _: object) -> Value:
+    def __getitem__(self, _):
         return self
 
 
-def all_types(base: type[SpinorGeomError] = SpinorGeomError) -> list[type[SpinorGeomError]]:
+def all_types(base=SpinorGeomError):
     below = {one for kind in base.__subclasses__() for one in all_types(kind)}
     return sorted({base, *below}, key=lambda kind: kind.__qualname__)
 
 
-def example(kind: type[SpinorGeomError]) -> SpinorGeomError:
+def example(kind):
     if kind in OWN:
         return kind(**OWN[kind])
     if names := fields_of(kind):
@@ -72,7 +70,7 @@ def example(kind: type[SpinorGeomError]) -> SpinorGeomError:
     return kind("a sentence with {braces}", place="line 2", ids=[[1, 2], [3]], path=Path("a"))
 
 
-def test_the_types_in_the_module_of_errors_are_all_there_are() -> None:
+def test_the_types_in_the_module_of_errors_are_all_there_are():
     for package in ("fill", "batching", "plateau", "adapters"):
         for found in pkgutil.iter_modules(importlib.import_module(f"spinor_geom.{package}").__path__):
             importlib.import_module(f"spinor_geom.{package}.{found.name}")
@@ -80,7 +78,7 @@ def test_the_types_in_the_module_of_errors_are_all_there_are() -> None:
 
 
 @pytest.mark.parametrize("kind", all_types(), ids=lambda kind: kind.__name__)
-def test_every_type_survives_pickling_and_copying(kind: type[SpinorGeomError]) -> None:
+def test_every_type_survives_pickling_and_copying(kind):
     error = example(kind)
     for protocol in range(2, pickle.HIGHEST_PROTOCOL + 1):
         for again in (pickle.loads(pickle.dumps(error, protocol)), copy.copy(error)):

@@ -1,7 +1,5 @@
 """What works without torch and pymeshlab, and what says that they are missing."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path
@@ -30,15 +28,13 @@ from spinor_geom import gallery
 DONE = "\nprint('DONE')\n"
 
 
-def run_without(
-    program: str, place: Path, *, missing: tuple[str, ...] = ("torch", "pymeshlab")
-) -> subprocess.CompletedProcess[str]:
+def run_without(program, place, *, missing=("torch", "pymeshlab")):
     """Runs a program where some packages cannot be found."""
     command = [sys.executable, "-c", WITHOUT.replace("{missing}", repr(missing)) + program + DONE]
     return subprocess.run(command, cwd=place, capture_output=True, text=True, timeout=600)
 
 
-def test_it_works_without_torch(tmp_path: Path) -> None:
+def test_it_works_without_torch(tmp_path):
     program = f"""
 for continuity in ("C0", "C1"):
     mesh = "{ROOT}/data/trimesh_reference.obj"
@@ -70,7 +66,7 @@ assert one.converged
     assert done.stdout == "DONE\n", done.stderr
 
 
-def test_what_is_missing_is_one_sentence_with_its_extra(tmp_path: Path) -> None:
+def test_what_is_missing_is_one_sentence_with_its_extra(tmp_path):
     program = """
 from spinor_geom.errors import MissingPackageError
 

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import errno
 import os
 import stat
@@ -13,11 +11,11 @@ from spinor_geom.files import atomic_folder, atomic_path, safe_name, together, w
 from tests.systems import links, modes
 
 
-def names(folder: Path) -> list[str]:
+def names(folder):
     return sorted(entry.name for entry in folder.iterdir())
 
 
-def test_a_new_file_has_the_written_contents(tmp_path: Path) -> None:
+def test_a_new_file_has_the_written_contents(tmp_path):
     target = tmp_path / "mesh.obj"
     with atomic_path(target) as temporary:
         assert temporary.parent == tmp_path
@@ -29,11 +27,11 @@ def test_a_new_file_has_the_written_contents(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
-def test_failure_leaves_old_file_and_no_temporary(tmp_path: Path, error: type[BaseException]) -> None:
+def test_failure_leaves_old_file_and_no_temporary(tmp_path, error):
     target = tmp_path / "mesh.obj"
     target.write_text("old")
 
-    def write_half() -> None:
+    def write_half():
         with atomic_path(target) as temporary:
             temporary.write_text("half of the new")
             raise error
@@ -45,7 +43,7 @@ def test_failure_leaves_old_file_and_no_temporary(tmp_path: Path, error: type[Ba
 
 
 @modes
-def test_access_rights_are_kept_and_new_files_follow_the_umask(tmp_path: Path) -> None:
+def test_access_rights_are_kept_and_new_files_follow_the_umask(tmp_path):
     target = tmp_path / "private"
     target.write_text("old")
     target.chmod(0o640)
@@ -61,7 +59,7 @@ def test_access_rights_are_kept_and_new_files_follow_the_umask(tmp_path: Path) -
 
 
 @links
-def test_symbolic_link_stays_a_link(tmp_path: Path) -> None:
+def test_symbolic_link_stays_a_link(tmp_path):
     target = tmp_path / "target"
     target.write_text("old")
     link = tmp_path / "link"
@@ -72,13 +70,13 @@ def test_symbolic_link_stays_a_link(tmp_path: Path) -> None:
     assert target.read_text() == "new"
 
 
-def test_device_is_written_to_and_not_replaced() -> None:
+def test_device_is_written_to_and_not_replaced():
     with atomic_path(os.devnull) as path:
         path.write_text("nothing")
     assert not Path(os.devnull).is_file()
 
 
-def test_errors_name_the_caller_s_file_not_the_temporary_one(tmp_path: Path) -> None:
+def test_errors_name_the_caller_s_file_not_the_temporary_one(tmp_path):
     missing, full, other = tmp_path / "missing" / "a.obj", tmp_path / "full", tmp_path / "other"
     with pytest.raises(FileNotFoundError) as missed, atomic_path(missing):
         pass
@@ -91,7 +89,7 @@ def test_errors_name_the_caller_s_file_not_the_temporary_one(tmp_path: Path) -> 
     assert read.value.filename == str(other)
 
 
-def test_a_folder_appears_with_all_its_files_or_not_at_all(tmp_path: Path) -> None:
+def test_a_folder_appears_with_all_its_files_or_not_at_all(tmp_path):
     target, staging = tmp_path / "deep" / "er" / "target", tmp_path / "staging"
     with atomic_folder(target, staging=staging) as folder:
         (folder / "a").write_text("1")
@@ -109,18 +107,18 @@ def test_a_folder_appears_with_all_its_files_or_not_at_all(tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("call", "code"), [("open", errno.EACCES), ("fsync", errno.EINVAL), ("fsync", errno.ENOTSUP), ("fsync", errno.EIO)]
 )
-def test_broken_disks_are_errors(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str, code: int) -> None:
+def test_broken_disks_are_errors(tmp_path, monkeypatch, call, code):
     # as Windows refuses to open a folder, and some network file systems to flush one
     real = getattr(os, call)
 
-    def refuses(what: int | str | Path, *arguments: int) -> int | None:
+    def refuses(what, *arguments):
         if os.path.isdir(what):
             raise OSError(code, os.strerror(code), None if isinstance(what, int) else str(what))
         return real(what, *arguments)
 
     monkeypatch.setattr(os, call, refuses)
 
-    def write() -> None:
+    def write():
         write_json(tmp_path / "a.json", [1])
         with atomic_folder(tmp_path / "deep" / "folder", staging=tmp_path / "staging") as folder:
             (folder / "b").write_text("2")
@@ -134,12 +132,12 @@ def test_broken_disks_are_errors(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert (tmp_path / "deep" / "folder" / "b").read_text() == "2"
 
 
-def test_a_file_that_another_program_has_open_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_that_another_program_has_open_stays(tmp_path, monkeypatch):
     # as Windows does it: no file is replaced that is open, or read-only
     target = tmp_path / "mesh.obj"
     target.write_text("old")
 
-    def refuses(source: Path, to: Path) -> None:
+    def refuses(source, to):
         raise PermissionError(errno.EACCES, "The file is in use", str(source), None, str(to))
 
     monkeypatch.setattr(os, "replace", refuses)
@@ -153,7 +151,7 @@ def test_a_file_that_another_program_has_open_stays(tmp_path: Path, monkeypatch:
 NAMES = ["CON", "con", "PRN", "aux", "NUL", "nul.obj", "Com1", "LPT9.tar.gz", "COM²", "CONIN$", "conout$.x", "AUX .ply"]
 
 
-def test_names_of_devices_are_written_otherwise() -> None:
+def test_names_of_devices_are_written_otherwise():
     safe = [safe_name([name]) for name in NAMES]
     assert safe[:2] == ["%43ON", "%63on"]
     assert len(set(safe)) == len(NAMES)
@@ -165,7 +163,7 @@ def test_names_of_devices_are_written_otherwise() -> None:
     assert [safe_name([name]) for name in harmless] == harmless
 
 
-def test_names_leave_room_in_the_longest_path_of_windows() -> None:
+def test_names_leave_room_in_the_longest_path_of_windows():
     results = len("\\files\\" + "\\loop-12-" + "x" * 60 + ".safetensors")
     for parts in (["a" * 300], ["b" * 60] * 9, ["é" * 90, "c.obj"], ["\\" * 99], ["d" * 100, "e" * 100]):
         name = safe_name(parts)
@@ -176,7 +174,7 @@ def test_names_leave_room_in_the_longest_path_of_windows() -> None:
 FILES = {"a.txt": "old a", "b.txt": None, "c.txt": "old c"}  # the old text of each
 
 
-def write_all(folder: Path) -> None:
+def write_all(folder):
     with together():
         for name in FILES:
             write_text(folder / name, f"new {name}")
@@ -186,9 +184,7 @@ def write_all(folder: Path) -> None:
 @pytest.mark.parametrize("step", ["_flush", "os.replace", "_flush_names", "_copied", "nothing"])
 @pytest.mark.parametrize("count", [1, 2, 3])
 @pytest.mark.parametrize("error", [KeyboardInterrupt(), OSError(errno.EIO, "no"), OSError(errno.EACCES, "no", "x")])
-def test_files_that_are_written_together_are_all_new_or_all_old(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: str, count: int, error: BaseException
-) -> None:
+def test_files_that_are_written_together_are_all_new_or_all_old(tmp_path, monkeypatch, step, count, error):
     for name, text in FILES.items():
         if text is not None:
             (tmp_path / name).write_text(text)
@@ -196,7 +192,7 @@ def test_files_that_are_written_together_are_all_new_or_all_old(
     module, attribute = (os, "replace") if step == "os.replace" else (files, step)
     own = getattr(module, attribute, None)
 
-    def failing(*arguments: object) -> object:
+    def failing(*arguments):
         nonlocal calls, raised
         calls += 1
         if calls == count:
@@ -214,7 +210,7 @@ def test_files_that_are_written_together_are_all_new_or_all_old(
     assert {name: (tmp_path / name).read_text() for name in names(tmp_path)} == {k: v for k, v in expected.items() if v}
 
 
-def test_a_group_inside_a_group_belongs_to_the_outer_one(tmp_path: Path) -> None:
+def test_a_group_inside_a_group_belongs_to_the_outer_one(tmp_path):
     with suppress(ZeroDivisionError), together():
         with together():
             write_text(tmp_path / "one.txt", "one")

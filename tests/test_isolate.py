@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -41,7 +40,7 @@ if __name__ == "__main__":
 
 
 @pytest.fixture
-def process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Process]:
+def process(tmp_path, monkeypatch):
     (tmp_path / "busy_process.py").write_text(BUSY)
     monkeypatch.syspath_prepend(str(tmp_path))
     process = Process("busy_process")
@@ -49,13 +48,13 @@ def process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Process
     process.end()
 
 
-def fault_of(process: Process, job: Event, **limits: float) -> FaultError:
+def fault_of(process, job, **limits):
     with pytest.raises(FaultError) as raised:
         process.run(job, lambda _: None, **{"seconds": 30.0, **limits})
     return raised.value
 
 
-def test_one_process_does_one_job_after_the_other(process: Process) -> None:
+def test_one_process_does_one_job_after_the_other(process):
     events: list[Event] = []
     for _ in range(2):
         assert process.run({}, events.append, seconds=30.0) == "a word\nand another"
@@ -69,7 +68,7 @@ def test_one_process_does_one_job_after_the_other(process: Process) -> None:
         ({"status": 3}, "its process died with status 3: and another"),
     ],
 )
-def test_the_end_of_a_process_is_reported_with_its_last_output(process: Process, job: Event, reason: str) -> None:
+def test_the_end_of_a_process_is_reported_with_its_last_output(process, job, reason):
     fault = fault_of(process, job)
     assert (str(fault), fault.kind, fault.output) == (reason, "death", "a word\nand another")
     assert fault.last.keys() == {"begun"}
@@ -89,9 +88,7 @@ def test_the_end_of_a_process_is_reported_with_its_last_output(process: Process,
         ),
     ],
 )
-def test_limits_hold_however_much_a_process_sends(
-    process: Process, job: Event, limits: dict[str, float], kind: str, reason: str
-) -> None:
+def test_limits_hold_however_much_a_process_sends(process, job, limits, kind, reason):
     fault = fault_of(process, job, **limits)
     assert (fault.kind, str(fault)) == (kind, reason)
 
@@ -109,14 +106,14 @@ def test_limits_hold_however_much_a_process_sends(
         *([] if os.name == "nt" else [(-9, "SIGKILL"), (-11, "SIGSEGV"), (-1000, "signal 1000")]),
     ],
 )
-def test_exit_statuses_of_every_system_tell_crashes_from_ends(status: int, crash: str) -> None:
+def test_exit_statuses_of_every_system_tell_crashes_from_ends(status, crash):
     assert crash_of(status) == crash
 
 
-def test_a_caller_that_stops_listening_ends_the_process(process: Process) -> None:
+def test_a_caller_that_stops_listening_ends_the_process(process):
     events: list[Event] = []
 
-    def interrupted(event: Event) -> None:
+    def interrupted(event):
         events.append(event)
         raise KeyboardInterrupt
 
@@ -147,7 +144,7 @@ run_isolated([task], module=TASKS, time_limit=100.0, on_record=lambda _, record:
 
 
 @pytest.mark.slow
-def test_no_process_imports_from_the_folder_of_the_mesh(tmp_path: Path) -> None:
+def test_no_process_imports_from_the_folder_of_the_mesh(tmp_path):
     program, executed = str(Path(sys.executable).with_name("spinor-geom")), tmp_path / "executed"
     folder, start = tmp_path / "scans", tmp_path / "start"
     folder.mkdir()
@@ -167,7 +164,7 @@ def test_no_process_imports_from_the_folder_of_the_mesh(tmp_path: Path) -> None:
     assert decoys >= {"json", "runpy", "spinor_geom", "vtkmodules", "igl"}  # of this process and its workers
 
 
-def test_a_process_has_the_current_folder_only_if_it_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_process_has_the_current_folder_only_if_it_is_named(tmp_path, monkeypatch):
     package, here, other = str(ROOT), str(tmp_path), str(tmp_path.parent)
     monkeypatch.chdir(tmp_path)
     cases = [

@@ -1,7 +1,5 @@
 """Every command and code block of the README runs."""
 
-from __future__ import annotations
-
 import re
 import shlex
 import shutil
@@ -24,21 +22,21 @@ MESH = "data/trimesh_reference.obj"
 
 
 @pytest.fixture
-def clone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def clone(tmp_path, monkeypatch):
     """A working directory with the data of a clone."""
     shutil.copytree(ROOT / "data", tmp_path / "data")
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
-def shell_commands() -> list[list[str]]:
+def shell_commands():
     """Every command of the README's shell blocks, in order."""
     blocks = re.findall(r"^```sh\n(.*?)^```$", README.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
     return [shlex.split(part) for block in blocks for part in block.replace("\\\n", " ").split("&&")]
 
 
 @pytest.mark.slow
-def test_the_first_command_leaves_mesh_report_and_picture(clone: Path) -> None:
+def test_the_first_command_leaves_mesh_report_and_picture(clone):
     (fill,) = (command for command in shell_commands() if command[0] == "spinor-geom")
     assert main(fill[1:]) == 0
     left = {path.name: path.stat().st_size for path in (clone / "out").iterdir()}
@@ -48,7 +46,7 @@ def test_the_first_command_leaves_mesh_report_and_picture(clone: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_picture_is_that_of_the_program(clone: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_picture_is_that_of_the_program(clone, monkeypatch):
     monkeypatch.syspath_prepend(str(ROOT / "docs"))
     import pictures
 
@@ -58,7 +56,7 @@ def test_the_picture_is_that_of_the_program(clone: Path, monkeypatch: pytest.Mon
 
 
 @pytest.mark.slow
-def test_commands_in_the_text_run(clone: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_commands_in_the_text_run(clone, monkeypatch):
     inline = re.findall(r"`spinor-geom ([^`]+)`", " ".join(README.read_text(encoding="utf-8").split()))
     (clone / "scans").mkdir()
     shutil.copy(ROOT / "data" / "squiggle_on_sphere.obj", clone / "scans" / "curve.obj")
@@ -73,7 +71,7 @@ def test_commands_in_the_text_run(clone: Path, monkeypatch: pytest.MonkeyPatch) 
         assert (clone / "out" / name).stat().st_size > 0
 
 
-def test_python_blocks_run_one_after_the_other(clone: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_python_blocks_run_one_after_the_other(clone, capsys):
     (clone / "out").mkdir()
     document = Sybil(parsers=[PythonCodeBlockParser()]).parse(README)
     document.namespace["__name__"] = "__main__"  # as in a script
@@ -85,7 +83,7 @@ def test_python_blocks_run_one_after_the_other(clone: Path, capsys: pytest.Captu
     assert read_mesh(clone / "out" / "filled.ply").path is not None
 
 
-def test_files_that_the_readme_names_exist() -> None:
+def test_files_that_the_readme_names_exist():
     text = README.read_text(encoding="utf-8")
     for name in [*re.findall(r"\b(?:data|benchmarks|docs)/[\w./-]+\w", text), "constraints-cpu.txt", "LICENSE"]:
         assert (ROOT / name).exists(), name

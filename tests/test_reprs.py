@@ -1,7 +1,5 @@
 """The repr of a public object is short, and has the main facts."""
 
-from __future__ import annotations
-
 import numpy as np
 
 import spinor_geom
@@ -10,7 +8,7 @@ from spinor_geom.shown import MOST_SHOWN
 from tests.fill.shapes import tube
 
 
-def test_descriptions_are_short_and_have_the_main_facts() -> None:
+def test_descriptions_are_short_and_have_the_main_facts():
     solution = spinor_geom.solve_plateau(gallery.enneper(0.8).rim(200))  # its arrays would fill pages
     t = 2 * np.pi * np.arange(200) / 200
     circle = np.column_stack([np.cos(t), np.sin(t), 0 * t])
@@ -42,7 +40,7 @@ def test_descriptions_are_short_and_have_the_main_facts() -> None:
         assert all(word in repr(one) for word in words), repr(one)
 
 
-def test_long_descriptions_are_cut_in_the_middle() -> None:
+def test_long_descriptions_are_cut_in_the_middle():
     name = "x" * 1000
     mesh = spinor_geom.TriangleMesh(np.eye(3), [[0, 1, 2]], vertex_attributes={name: np.zeros(3)})
     assert len(repr(mesh)) <= MOST_SHOWN

@@ -1,7 +1,5 @@
 """The version has the commit of a clone, or else that of the build."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess
@@ -15,14 +13,14 @@ from spinor_geom.version import RELEASE
 SOURCE = Path(__file__).parents[1] / "spinor_geom" / "version.py"
 
 
-def git(folder: Path, *arguments: str) -> str:
+def git(folder, *arguments):
     identity = ["-c", "user.name=a", "-c", "user.email=a@b"]
     command = ["git", "-C", str(folder), *identity, *arguments]
     return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
 
 
 @pytest.fixture
-def root(tmp_path: Path) -> Path:
+def root(tmp_path):
     """A folder with a package whose version is determined."""
     (tmp_path / "spinor_geom").mkdir()
     (tmp_path / "spinor_geom" / "__init__.py").touch()
@@ -30,7 +28,7 @@ def root(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def version_in(root: Path) -> str:
+def version_in(root):
     """The version that a new process finds in that folder."""
     program = "from spinor_geom.version import program_version; print(program_version())"
     command = [sys.executable, "-B", "-c", program]
@@ -39,7 +37,7 @@ def version_in(root: Path) -> str:
     return output.stdout.strip()
 
 
-def test_a_clone_reports_its_commit_and_whether_files_differ(root: Path) -> None:
+def test_a_clone_reports_its_commit_and_whether_files_differ(root):
     git(root, "init", "-q")
     git(root, "add", ".")
     git(root, "commit", "-qm", "first")
@@ -55,12 +53,12 @@ def test_a_clone_reports_its_commit_and_whether_files_differ(root: Path) -> None
     assert version_in(root) == f"{RELEASE}.dev0+g{commit}"
 
 
-def test_a_clone_that_git_does_not_open_is_reported(root: Path) -> None:
+def test_a_clone_that_git_does_not_open_is_reported(root):
     (root / ".git").touch()
     assert version_in(root) == f"{RELEASE}.dev0+unknown"
 
 
-def test_an_installed_package_reports_its_commit_and_bare_files_the_release(root: Path) -> None:
+def test_an_installed_package_reports_its_commit_and_bare_files_the_release(root):
     assert version_in(root) == RELEASE
     metadata = root / "spinor_geom-7.dist-info" / "METADATA"
     metadata.parent.mkdir()

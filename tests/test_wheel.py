@@ -1,7 +1,5 @@
 """The contents of the wheel, and that it works without the source."""
 
-from __future__ import annotations
-
 import importlib.metadata
 import os
 import shutil
@@ -9,8 +7,6 @@ import subprocess
 import sys
 import sysconfig
 import zipfile
-from collections.abc import Sequence
-from email.message import Message
 from email.parser import Parser
 from importlib.machinery import EXTENSION_SUFFIXES
 from pathlib import Path
@@ -24,7 +20,7 @@ pytestmark = pytest.mark.slow  # CI builds and installs the wheel as well
 
 
 @pytest.fixture(scope="module")
-def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def source(tmp_path_factory):
     """A copy to build from, because a build leaves folders behind and includes those of earlier builds."""
     source = tmp_path_factory.mktemp("source")
     shutil.copytree(ROOT / "spinor_geom", source / "spinor_geom", ignore=shutil.ignore_patterns("__pycache__", "*.so"))
@@ -34,11 +30,11 @@ def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def wheel(source: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def wheel(source, tmp_path_factory):
     return built_wheel(source, tmp_path_factory.mktemp("wheel"))
 
 
-def built_wheel(source: Path, target: Path) -> Path:
+def built_wheel(source, target):
     """The wheel of a folder or of an sdist."""
     pip = [sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation", "--quiet", "-w", target, source]
     subprocess.run(pip, check=True, timeout=120)
@@ -47,14 +43,14 @@ def built_wheel(source: Path, target: Path) -> Path:
 
 
 @pytest.fixture(scope="module")
-def unpacked(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def unpacked(wheel, tmp_path_factory):
     folder = tmp_path_factory.mktemp("site")
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(folder)
     return folder
 
 
-def built(source: Path, target: Path, kind: str) -> Path:
+def built(source, target, kind):
     """The file that the setuptools hook of this name builds."""
     program = f"import sys; from setuptools import build_meta; build_meta.build_{kind}(sys.argv[1])"
     subprocess.run(
@@ -64,19 +60,19 @@ def built(source: Path, target: Path, kind: str) -> Path:
     return made
 
 
-def contents(wheel: Path) -> set[str]:
+def contents(wheel):
     with zipfile.ZipFile(wheel) as archive:
         return {name for name in archive.namelist() if ".dist-info/" not in name}
 
 
-def test_the_wheel_of_the_sdist_is_the_wheel_of_the_source(wheel: Path, source: Path, tmp_path: Path) -> None:
+def test_the_wheel_of_the_sdist_is_the_wheel_of_the_source(wheel, source, tmp_path):
     assert contents(built_wheel(built(source, tmp_path, "sdist"), tmp_path / "wheel")) == contents(wheel)
 
 
 IMPORT = "import spinor_geom.adapters, spinor_geom; print(spinor_geom.adapters.__file__, spinor_geom.MeshFile)"
 
 
-def imported(program: str, place: Path, *arguments: object, options: Sequence[str] = ()) -> Path:
+def imported(program, place, *arguments, options=()):
     """The path from which a program in a given folder imports the adapters; the program prints it."""
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     command = [sys.executable, *options, "-c", program, *map(str, arguments)]
@@ -84,7 +80,7 @@ def imported(program: str, place: Path, *arguments: object, options: Sequence[st
     return Path(done.stdout.split(" <class")[0])
 
 
-def test_an_editable_install_finds_the_adapters(source: Path, tmp_path: Path) -> None:
+def test_an_editable_install_finds_the_adapters(source, tmp_path):
     with zipfile.ZipFile(built(source, tmp_path, "editable")) as archive:
         archive.extractall(tmp_path / "site")
     # without what this environment makes known at its start: the package may be installed in it in the same way
@@ -99,7 +95,7 @@ def test_an_editable_install_finds_the_adapters(source: Path, tmp_path: Path) ->
     assert found == source / "spinor_geom" / "adapters" / "__init__.py"
 
 
-def test_the_wheel_holds_every_module_and_nothing_else(wheel: Path) -> None:
+def test_the_wheel_holds_every_module_and_nothing_else(wheel):
     held = contents(wheel)
     expected = {path.relative_to(ROOT).as_posix() for path in (ROOT / "spinor_geom").rglob("*.py")}
     assert held == expected | {
@@ -110,7 +106,7 @@ def test_the_wheel_holds_every_module_and_nothing_else(wheel: Path) -> None:
     }
 
 
-def test_the_wheel_has_its_licence_and_its_command(unpacked: Path) -> None:
+def test_the_wheel_has_its_licence_and_its_command(unpacked):
     (info,) = unpacked.glob("*.dist-info")
     metadata = metadata_of(unpacked)
     assert metadata["Name"] == "spinor-geom"
@@ -122,16 +118,16 @@ def test_the_wheel_has_its_licence_and_its_command(unpacked: Path) -> None:
     assert "[pyvista.accessors]\nspinor = spinor_geom.fill.pyvista_accessor" in entries
 
 
-def requirements(unpacked: Path) -> list[Requirement]:
+def requirements(unpacked):
     return [Requirement(line) for line in metadata_of(unpacked).get_all("Requires-Dist") or ()]
 
 
-def metadata_of(unpacked: Path) -> Message:
+def metadata_of(unpacked):
     (info,) = unpacked.glob("*.dist-info")
     return Parser().parsestr((info / "METADATA").read_text(encoding="utf-8"))
 
 
-def test_the_default_install_excludes_no_version_of_python(unpacked: Path) -> None:
+def test_the_default_install_excludes_no_version_of_python(unpacked):
     versions = {f"3.{minor}" for minor in range(10, 16)}
     assert set(SpecifierSet(metadata_of(unpacked)["Requires-Python"]).filter(versions)) == versions
     least = [one for one in requirements(unpacked) if "extra" not in str(one.marker)]
@@ -150,13 +146,13 @@ def test_the_default_install_excludes_no_version_of_python(unpacked: Path) -> No
     assert not seen & {"torch", "pymeshlab", "pyvista"}
 
 
-def test_all_has_the_packages_of_every_feature(unpacked: Path) -> None:
+def test_all_has_the_packages_of_every_feature(unpacked):
     metadata = metadata_of(unpacked)
     (included,) = (one.extras for one in requirements(unpacked) if 'extra == "all"' in str(one.marker))
     assert included == set(metadata.get_all("Provides-Extra")) - {"all", "peers", "docs", "dev"}
 
 
-def test_the_wheel_works_away_from_the_source(unpacked: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_wheel_works_away_from_the_source(unpacked, tmp_path, monkeypatch):
     mesh = tmp_path / "corner.obj"
     mesh.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 3 4\nf 1 4 2\n")
     monkeypatch.setenv("PYTHONPATH", str(unpacked))

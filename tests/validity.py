@@ -1,15 +1,12 @@
 """Whether the faces of a mesh fit together."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from spinor_geom.mesh.find_loops import repeated_faces, repeats_a_vertex
 from spinor_geom.mesh.topology import HalfEdges
-from spinor_geom.mesh.triangle_mesh import TriangleMesh
 
 
-def validate(mesh: TriangleMesh) -> None:
+def validate(mesh):
     """No face uses a vertex twice, no two have the same ones, and neighbours are oriented alike."""
     half_edges = HalfEdges.of(mesh.faces)
     assert not repeats_a_vertex(mesh.faces).any()

@@ -71,7 +71,7 @@ VALUES: list[Any] = [
 
 
 @st.composite
-def changed_bytes(draw: st.DrawFn, valid: list[str | bytes]) -> bytes:
+def changed_bytes(draw, valid):
     """A valid file with a few of its bytes taken out, repeated, put in or replaced."""
     base = draw(st.sampled_from(valid))
     data = base if isinstance(base, bytes) else base.encode()
@@ -86,10 +86,10 @@ def changed_bytes(draw: st.DrawFn, valid: list[str | bytes]) -> bytes:
 
 
 @st.composite
-def changed_json(draw: st.DrawFn) -> bytes:
+def changed_json(draw):
     """A GLB file with a few values of its JSON replaced, added or taken out."""
 
-    def change(tree: dict[str, Any]) -> None:
+    def change(tree):
         for _ in range(draw(st.integers(1, 3))):
             node: Any = tree
             while True:
@@ -109,7 +109,7 @@ def changed_json(draw: st.DrawFn) -> bytes:
     return glb_with(change, draw(st.sampled_from([GLB, RICH_GLB])))
 
 
-def fuzz(kind: str) -> None:
+def fuzz(kind):
     """Fails at the first file that gives anything but a mesh or a typed error."""
     name, valid = VALID[kind]
     strategy = changed_bytes(valid) if kind != "glb" else changed_bytes(valid) | changed_json()
@@ -119,7 +119,7 @@ def fuzz(kind: str) -> None:
 
         @settings(max_examples=EXAMPLES, derandomize=True, deadline=None, suppress_health_check=list(HealthCheck))
         @given(strategy)
-        def read(data: bytes) -> None:
+        def read(data):
             path.write_bytes(data)
             outcome = tried(path)
             assert "raw" not in outcome, outcome

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from spinor_geom.adapters import MeshFile, read_mesh
+from spinor_geom.adapters import read_mesh
 from spinor_geom.errors import SpinorGeomError
 from tests.adapters.shapes import extension, glb_file, glb_of_text, glb_with, open_cube
 
@@ -26,7 +26,7 @@ MEMORY = 400 << 20  # bytes beyond what the imports take
 Files = dict[str, tuple[str | bytes | Callable[[], str | bytes], tuple[int, int] | str]]
 
 
-def content_of(name: str) -> bytes:
+def content_of(name):
     content = CASES[name][0]
     made = content() if callable(content) else content
     return made if isinstance(made, bytes) else made.encode()
@@ -78,9 +78,7 @@ OBJ_FILES: Files = {
 # --- PLY --------------------------------------------------------------------------------------------------------------
 
 
-def ply(
-    *, vertices: object = 3, faces: object = 1, body: str = "0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", index: str = "int"
-) -> str:
+def ply(*, vertices=3, faces=1, body="0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", index="int"):
     return (
         f"ply\nformat ascii 1.0\nelement vertex {vertices}\nproperty float x\nproperty float y\nproperty float z\n"
         f"element face {faces}\nproperty list uchar {index} vertex_indices\nend_header\n{body}"
@@ -94,9 +92,7 @@ PLY = ply()
 SIGNALLING = b"\x01\x00\x80\x7f"  # NaNs of this kind raise a floating-point flag when they are converted
 
 
-def binary_ply(
-    *, vertices: int = 3, faces: int = 1, count: str = "int", body: bytes | None = None, order: str = "<"
-) -> bytes:
+def binary_ply(*, vertices=3, faces=1, count="int", body=None, order="<"):
     header = (
         f"ply\nformat binary_{'little' if order == '<' else 'big'}_endian 1.0\nelement vertex {vertices}\n"
         "property float x\nproperty float y\nproperty float z\n"
@@ -106,7 +102,7 @@ def binary_ply(
     return header.encode() + (points + struct.pack(f"{order}4i", 3, 0, 1, 2) if body is None else points + body)
 
 
-def cut_polygons() -> bytes:
+def cut_polygons():
     """A million bytes of faces, of which the header declares twice as many."""
     record = struct.pack("<9i", 3, 0, 1, 2, 4, 0, 1, 2, 0)
     return binary_ply(faces=10**6, body=record * (10**6 // len(record)))
@@ -225,7 +221,7 @@ STL = (
 STL = STL.format(0, 2)
 
 
-def binary_stl(*, header: bytes = b"", count: int = 2, facets: int = 2) -> bytes:
+def binary_stl(*, header=b"", count=2, facets=2):
     facet = struct.pack("<12fH", 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0)
     return header.ljust(80, b"\0") + struct.pack("<I", count) + facet * facets
 
@@ -268,36 +264,36 @@ GLB = glb_file([{"POSITION": CUBE, "indices": FACES.reshape(-1, 1).astype(np.uin
 JSON_SIZE = struct.unpack_from("<I", GLB, 12)[0]
 
 
-def glb(change: Callable[[dict], object], data: bytes = GLB) -> bytes:
+def glb(change, data=GLB):
     return glb_with(change, data)
 
 
-def with_text(text: str, rest: bytes = GLB[20 + JSON_SIZE :]) -> bytes:
+def with_text(text, rest=GLB[20 + JSON_SIZE :]):
     return glb_of_text(text, rest)
 
 
-def primitive(tree: dict) -> dict:
+def primitive(tree):
     return tree["meshes"][0]["primitives"][0]
 
 
-def huge_sparse(tree: dict) -> None:
+def huge_sparse(tree):
     sparse = {"count": 1, "indices": {"bufferView": 1, "componentType": 5123}, "values": {"bufferView": 0}}
     tree["accessors"][0] = {"componentType": 5126, "type": "VEC3", "count": 2**31 - 1, "sparse": sparse}
 
 
-def instances() -> bytes:
+def instances():
     """A third of a megabyte: a mesh of 20000 vertices, used by 900 nodes."""
     points = np.random.default_rng(1).integers(0, 100, size=(20_000, 3)).astype(np.float32)
     indices = np.arange(48_000).reshape(-1, 1) % 20_000
 
-    def show(tree: dict) -> None:
+    def show(tree):
         tree["nodes"] = [{"mesh": 0}] * 900
         tree["scenes"] = [{"nodes": list(range(900))}]
 
     return glb(show, glb_file([{"POSITION": points, "indices": indices.astype(np.uint16)}]))
 
 
-def aliases() -> bytes:
+def aliases():
     """One array under 20000 names."""
     points = np.zeros((20_000, 3), dtype=np.float32)
     return glb(
@@ -306,10 +302,10 @@ def aliases() -> bytes:
     )
 
 
-def empty_primitives() -> bytes:
+def empty_primitives():
     """An empty primitive that is used 36 million times."""
 
-    def show(tree: dict) -> None:
+    def show(tree):
         tree["meshes"][0]["primitives"] = [{"attributes": {}}] * 6000
         tree["nodes"] = [{"mesh": 0}] * 6000
         tree["scenes"] = [{"nodes": list(range(6000))}]
@@ -317,7 +313,7 @@ def empty_primitives() -> bytes:
     return glb(show)
 
 
-def nested(levels: int) -> list:
+def nested(levels):
     value: list = []
     for _ in range(levels):
         value = [value]
@@ -431,7 +427,7 @@ CASES: Files = {
 }
 
 
-def tried(path: Path) -> dict[str, Any]:
+def tried(path):
     """The result of reading a file, and of writing it with one more triangle."""
     start = time.perf_counter()
     outcome: dict[str, Any]
@@ -448,12 +444,12 @@ def tried(path: Path) -> dict[str, Any]:
     return {**outcome, "seconds": time.perf_counter() - start}
 
 
-def with_a_triangle(file: MeshFile) -> MeshFile:
+def with_a_triangle(file):
     rows = {name: values[:1] for name, values in file.mesh.vertex_attributes.items()}
     return file.extended(extension(file.mesh.vertices[:1] + 1.0, [0, 1, len(file.mesh.vertices)], **rows))
 
 
-def limit_memory() -> None:
+def limit_memory():
     """Limits the additional memory of this process, on Linux only."""
     if not sys.platform.startswith("linux"):
         return

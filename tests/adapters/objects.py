@@ -32,32 +32,32 @@ class Kind(NamedTuple):
     closed: Callable[[Any], bool] = lambda mesh: is_closed(to_mesh(mesh))  # in the library's own eyes
 
 
-def labels(vertices: np.ndarray) -> np.ndarray:
+def labels(vertices):
     return (3 * np.arange(len(vertices)) % 251).astype(np.int16)
 
 
-def flow(vertices: np.ndarray) -> np.ndarray:
+def flow(vertices):
     return np.random.default_rng(len(vertices)).normal(size=(len(vertices), 2, 2))
 
 
-def colors(rows: np.ndarray) -> np.ndarray:
+def colors(rows):
     return np.random.default_rng(len(rows)).integers(0, 256, (len(rows), 4), dtype=np.uint8)
 
 
-def words(vertices: np.ndarray) -> np.ndarray:
+def words(vertices):
     return np.array([f"v{k}" for k in range(len(vertices))])
 
 
-def pair(container: Callable[..., Any], real: Any, integer: Any) -> Kind:
-    def held(mesh: Any) -> tuple[Arrays, Arrays, dict[str, Any]]:
+def pair(container, real, integer):
+    def held(mesh):
         vertices, faces = map(np.asarray, mesh)
         return {"vertices": vertices}, {"faces": faces}, {}
 
     return Kind(lambda v, f: container([v.astype(real), f.astype(integer)]), held)
 
 
-def tensors(real: type, integer: type) -> Kind:
-    def made(vertices: np.ndarray, faces: np.ndarray) -> Any:
+def tensors(real, integer):
+    def made(vertices, faces):
         import torch
 
         return torch.from_numpy(vertices.astype(real)), torch.from_numpy(np.asarray(faces).astype(integer))
@@ -65,13 +65,13 @@ def tensors(real: type, integer: type) -> Kind:
     return Kind(made, lambda mesh: ({"vertices": mesh[0].numpy()}, {"faces": mesh[1].numpy()}, {}))
 
 
-def as_triangle_mesh(vertices: np.ndarray, faces: np.ndarray) -> TriangleMesh:
+def as_triangle_mesh(vertices, faces):
     attributes = {"label": labels(vertices), "color": colors(vertices)}
     return TriangleMesh(vertices, faces, vertex_attributes=attributes, labels=("label",))
 
 
-def trimesh_kind(visual: Callable[[np.ndarray, np.ndarray], Any]) -> Kind:
-    def made(vertices: np.ndarray, faces: np.ndarray) -> trimesh.Trimesh:
+def trimesh_kind(visual):
+    def made(vertices, faces):
         return trimesh.Trimesh(
             vertices,
             faces,
@@ -82,7 +82,7 @@ def trimesh_kind(visual: Callable[[np.ndarray, np.ndarray], Any]) -> Kind:
             metadata={"name": ["a"]},
         )
 
-    def held(mesh: trimesh.Trimesh) -> tuple[Arrays, Arrays, dict[str, Any]]:
+    def held(mesh):
         at_vertices = {"vertices": np.asarray(mesh.vertices), **mesh.vertex_attributes}
         at_faces = {"faces": np.asarray(mesh.faces), **mesh.face_attributes}
         if mesh.visual.kind == "vertex":
@@ -96,7 +96,7 @@ def trimesh_kind(visual: Callable[[np.ndarray, np.ndarray], Any]) -> Kind:
     return Kind(made, held, lambda mesh: mesh.is_watertight and mesh.is_winding_consistent)
 
 
-def as_poly_data(vertices: np.ndarray, faces: np.ndarray) -> pyvista.PolyData:
+def as_poly_data(vertices, faces):
     mesh = pyvista.PolyData.from_regular_faces(vertices.astype(np.float32), faces)
     mesh.point_data["label"] = labels(vertices)
     mesh.point_data["flow"] = flow(vertices)[:, 0]
@@ -109,7 +109,7 @@ def as_poly_data(vertices: np.ndarray, faces: np.ndarray) -> pyvista.PolyData:
     return mesh
 
 
-def vtk_held(mesh: pyvista.DataSet) -> tuple[Arrays, Arrays, dict[str, Any]]:
+def vtk_held(mesh):
     faces = mesh.faces if isinstance(mesh, pyvista.PolyData) else mesh.cells
     data = mesh.point_data
     active = (data.active_normals_name, data.active_scalars_name)
@@ -119,12 +119,12 @@ def vtk_held(mesh: pyvista.DataSet) -> tuple[Arrays, Arrays, dict[str, Any]]:
     return at_vertices, at_faces, other
 
 
-def closed_in_vtk(mesh: pyvista.DataSet) -> bool:
+def closed_in_vtk(mesh):
     kinds = {"boundary_edges": True, "non_manifold_edges": True, "feature_edges": False, "manifold_edges": False}
     return mesh.extract_feature_edges(**kinds).n_cells == 0
 
 
-def as_meshio(vertices: np.ndarray, faces: np.ndarray) -> meshio.Mesh:
+def as_meshio(vertices, faces):
     return meshio.Mesh(
         vertices,
         [("line", [[0, 1]]), ("triangle", faces)],
@@ -136,7 +136,7 @@ def as_meshio(vertices: np.ndarray, faces: np.ndarray) -> meshio.Mesh:
     )
 
 
-def meshio_held(mesh: meshio.Mesh) -> tuple[Arrays, Arrays, dict[str, Any]]:
+def meshio_held(mesh):
     (line, *blocks), (nine, *parts) = mesh.cells, mesh.cell_data["part"]
     assert [block.type for block in (line, *blocks)] == ["line"] + ["triangle"] * len(blocks)
     at_faces = {"faces": np.concatenate([block.data for block in blocks]), "part": np.concatenate(parts)}
@@ -150,7 +150,7 @@ def meshio_held(mesh: meshio.Mesh) -> tuple[Arrays, Arrays, dict[str, Any]]:
     return {"vertices": mesh.points, **{k: np.asarray(v) for k, v in mesh.point_data.items()}}, at_faces, other
 
 
-def as_mesh_set(vertices: np.ndarray, faces: np.ndarray) -> Any:
+def as_mesh_set(vertices, faces):
     import pymeshlab
 
     random = np.random.default_rng(len(vertices))
@@ -169,7 +169,7 @@ def as_mesh_set(vertices: np.ndarray, faces: np.ndarray) -> Any:
     return meshes
 
 
-def meshlab_held(meshes: Any) -> tuple[Arrays, Arrays, dict[str, Any]]:
+def meshlab_held(meshes):
     mesh = meshes.current_mesh()
     names = ("color_matrix", "scalar_array", "tex_coord_matrix")
     at_vertices = {"vertices": mesh.vertex_matrix(), **{n: getattr(mesh, f"vertex_{n}")() for n in names}}
@@ -178,7 +178,7 @@ def meshlab_held(meshes: Any) -> tuple[Arrays, Arrays, dict[str, Any]]:
     return at_vertices, at_faces, {"label": mesh.label(), "meshes": meshes.mesh_number()}
 
 
-def as_open3d(vertices: np.ndarray, faces: np.ndarray) -> Any:
+def as_open3d(vertices, faces):
     require_peer("open3d")
     from open3d import geometry, utility
 
@@ -193,7 +193,7 @@ def as_open3d(vertices: np.ndarray, faces: np.ndarray) -> Any:
     return mesh
 
 
-def open3d_held(mesh: Any) -> tuple[Arrays, Arrays, dict[str, Any]]:
+def open3d_held(mesh):
     at_vertices = {name: np.array(getattr(mesh, name)) for name in ("vertices", "vertex_colors", "vertex_normals")}
     at_faces = {name: np.array(getattr(mesh, name)) for name in ("triangle_normals", "triangle_material_ids")}
     at_faces |= {"faces": np.array(mesh.triangles), "corners": np.array(mesh.triangle_uvs).reshape(-1, 3, 2)}

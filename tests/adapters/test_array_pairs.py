@@ -1,8 +1,3 @@
-from __future__ import annotations
-
-from collections.abc import Callable
-from typing import Any
-
 import numpy as np
 import pytest
 import torch
@@ -14,7 +9,7 @@ from tests.adapters.shapes import extension, lid, nothing, open_cube
 
 
 @pytest.mark.parametrize("of", [np.asarray, torch.from_numpy])
-def test_integer_positions_and_narrow_indices_are_widened(of: Callable[..., Any]) -> None:
+def test_integer_positions_and_narrow_indices_are_widened(of):
     vertices, faces = open_cube(np.int32)
     grown = np.asarray(extend((of(vertices), of(faces)), lid())[0])
     assert grown.dtype == np.float64
@@ -26,7 +21,7 @@ def test_integer_positions_and_narrow_indices_are_widened(of: Callable[..., Any]
     assert extend((of(many), of(few)), one)[1].tolist() == [[0, 1, 2], [126, 127, 128]]
 
 
-def test_a_triangle_mesh_is_itself_and_attributes_of_another_width_are_refused() -> None:
+def test_a_triangle_mesh_is_itself_and_attributes_of_another_width_are_refused():
     mesh = TriangleMesh(*open_cube(), vertex_attributes={"color": np.zeros((8, 3))})
     assert to_mesh(mesh) is mesh
     with pytest.raises(MeshShapeError, match="'color' has 3 columns"):
@@ -34,7 +29,7 @@ def test_a_triangle_mesh_is_itself_and_attributes_of_another_width_are_refused()
     assert len(extend(mesh, nothing()).vertices) == 8
 
 
-def test_gradients_reach_the_old_positions() -> None:
+def test_gradients_reach_the_old_positions():
     vertices, faces = (torch.tensor(member) for member in open_cube())
     vertices.requires_grad_()
     grown, _ = extend((vertices, faces), lid())
@@ -42,7 +37,7 @@ def test_gradients_reach_the_old_positions() -> None:
     assert torch.equal(vertices.grad, torch.ones_like(vertices))
 
 
-def test_half_precision_stays() -> None:
+def test_half_precision_stays():
     vertices, faces = (torch.tensor(member) for member in open_cube())
     grown, _ = extend([vertices.bfloat16(), faces], lid())
     assert grown.dtype == torch.bfloat16

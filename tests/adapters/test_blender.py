@@ -1,10 +1,5 @@
 """Meshes and objects of Blender; needs `bpy`."""
 
-from __future__ import annotations
-
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -22,11 +17,11 @@ OPEN = CUBE_QUADS[:-1]
 
 
 @pytest.fixture
-def _empty() -> None:
+def _empty():
     empty_file()
 
 
-def rich_cube() -> Any:
+def rich_cube():
     """An open cube of quads with attributes of all types at vertices, edges, faces and corners, and all else."""
     cube = object_of(CUBE_POINTS, OPEN)
     mesh = cube.data
@@ -58,13 +53,13 @@ def rich_cube() -> Any:
     return cube
 
 
-def require_prefix(before: dict[str, np.ndarray], after: dict[str, np.ndarray]) -> None:
+def require_prefix(before, after):
     assert after.keys() == before.keys()
     for name, values in before.items():
         np.testing.assert_array_equal(after[name][: len(values)], values, name)
 
 
-def test_all_that_a_mesh_holds_stays() -> None:
+def test_all_that_a_mesh_holds_stays():
     cube = rich_cube()
     before = held(cube.data)
     for given_mesh in (cube.data, cube):
@@ -81,7 +76,7 @@ def test_all_that_a_mesh_holds_stays() -> None:
     assert (len(bpy.data.meshes), len(bpy.data.shape_keys)) == (3, 3)
 
 
-def test_new_vertices_and_faces_have_what_is_beside_them() -> None:
+def test_new_vertices_and_faces_have_what_is_beside_them():
     cube = object_of(CUBE_POINTS, OPEN)
     mesh = cube.data
     uv = mesh.uv_layers.new(name="map").data
@@ -112,7 +107,7 @@ def test_new_vertices_and_faces_have_what_is_beside_them() -> None:
 
 
 @given(data=st.data(), shape=meshes())
-def test_any_extension_of_any_mesh(data: st.DataObject, shape: tuple[np.ndarray, np.ndarray]) -> None:
+def test_any_extension_of_any_mesh(data, shape):
     mesh = mesh_of(*shape)
     before = held(mesh)
     extension = data.draw(extensions(to_mesh(mesh)))
@@ -131,7 +126,7 @@ def test_any_extension_of_any_mesh(data: st.DataObject, shape: tuple[np.ndarray,
 
 
 @pytest.mark.parametrize("continuity", ["film", "smooth"])
-def test_fills_have_the_type_of_what_is_given(continuity: str) -> None:
+def test_fills_have_the_type_of_what_is_given(continuity):
     pipe = object_of(*tube())
     for mesh in (pipe, pipe.data):
         filled, report = spinor_geom.fill_hole(mesh, continuity=continuity, return_report=True)
@@ -143,7 +138,7 @@ def test_fills_have_the_type_of_what_is_given(continuity: str) -> None:
 
 
 @pytest.mark.parametrize("scale", [(1, 1, 1), (3, 0.5, 1), (-2, 1, 0.7)])
-def test_objects_are_filled_in_the_world(scale: tuple[float, ...]) -> None:
+def test_objects_are_filled_in_the_world(scale):
     vertices, faces = tube()
     vertices = vertices + np.random.default_rng(1).normal(scale=0.02, size=vertices.shape)  # no two loops are equal
     pipe = object_of(vertices, faces)
@@ -151,7 +146,7 @@ def test_objects_are_filled_in_the_world(scale: tuple[float, ...]) -> None:
     bpy.context.view_layer.update()
     matrix = np.array(pipe.matrix_world, dtype=np.float64)
 
-    def in_world(mesh: Any) -> np.ndarray:
+    def in_world(mesh):
         return positions(mesh) @ matrix[:3, :3].T + matrix[:3, 3]
 
     world = to_mesh(pipe)
@@ -163,7 +158,7 @@ def test_objects_are_filled_in_the_world(scale: tuple[float, ...]) -> None:
 
 
 @pytest.mark.parametrize("by", ["object", "mesh"])
-def test_what_is_being_edited_is_filled_as_it_is_shown(by: str) -> None:
+def test_what_is_being_edited_is_filled_as_it_is_shown(by):
     cube = object_of(CUBE_POINTS, CUBE_QUADS)
     cube.shape_key_add(name="Basis")
     cube.shape_key_add(name="key")
@@ -181,7 +176,7 @@ def test_what_is_being_edited_is_filled_as_it_is_shown(by: str) -> None:
     assert (len(bpy.data.meshes), len(bpy.data.shape_keys)) == (2, 2)
 
 
-def test_objects_of_a_library_are_filled_as_copies_of_the_file(tmp_path: Path) -> None:
+def test_objects_of_a_library_are_filled_as_copies_of_the_file(tmp_path):
     object_of(*tube())
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "library.blend"))
     empty_file()
@@ -194,7 +189,7 @@ def test_objects_of_a_library_are_filled_as_copies_of_the_file(tmp_path: Path) -
     assert is_closed(to_mesh(filled))
 
 
-def flat_object() -> Any:
+def flat_object():
     pipe = object_of(*tube())
     pipe.scale = (1, 1, 0)
     bpy.context.view_layer.update()
@@ -211,12 +206,12 @@ def flat_object() -> Any:
         (lambda: bpy.data.curves.new("c", "CURVE"), UnknownMeshTypeError, "give one of"),
     ],
 )
-def test_what_is_no_mesh_is_refused(made: Any, error: type[Exception], says: str | None) -> None:
+def test_what_is_no_mesh_is_refused(made, error, says):
     with pytest.raises(error, match=says):
         spinor_geom.fill_hole(made())
 
 
-def test_an_extension_has_all_attributes_and_existing_vertices() -> None:
+def test_an_extension_has_all_attributes_and_existing_vertices():
     cube = rich_cube()
     with pytest.raises(MeshShapeError, match="attribute"):
         extend(cube, lid())

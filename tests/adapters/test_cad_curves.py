@@ -1,11 +1,5 @@
 """Closed curves of wires, edges and faces of CAD models: exact, in loops, with corners and directions; bad input."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -29,22 +23,22 @@ from tests.systems import OnUse
 cad = OnUse("build123d")
 
 
-def seam(points: int) -> Any:
+def seam(points):
     """A closed cubic spline through points of a tennis seam."""
     return cad.Edge.make_spline([tuple(p) for p in gallery.tennis_seam(0.8).sample(points).points], periodic=True)
 
 
-def polyline(*points: tuple[float, ...]) -> list[Any]:
+def polyline(*points):
     ends = zip(points, (*points[1:], points[0]), strict=True)
     return [cad.Edge.make_line(first, last) for first, last in ends]
 
 
-def distances(points: np.ndarray, shape: Any) -> np.ndarray:
+def distances(points, shape):
     """Distances from a shape, by Open CASCADE."""
     return np.array([shape.distance_to(cad.Vertex(*point)) for point in points.tolist()])
 
 
-def closed_by_a_line(make: Callable[[], Any]) -> Any:
+def closed_by_a_line(make):
     """An open edge and the line between its ends."""
     edge = make()
     return cad.Wire([edge, cad.Line(edge @ 1, edge @ 0)])
@@ -63,7 +57,7 @@ SHAPES = {  # shape, corners, length if known
 
 
 @pytest.mark.parametrize(("made", "corners", "length"), SHAPES.values(), ids=SHAPES)
-def test_curves_are_on_their_edges_to_rounding(made: Callable[[], Any], corners: int, length: float | None) -> None:
+def test_curves_are_on_their_edges_to_rounding(made, corners, length):
     shape = made()
     (rim,) = to_rims(shape)
     assert len(rim.corners) == corners
@@ -78,7 +72,7 @@ def test_curves_are_on_their_edges_to_rounding(made: Callable[[], Any], corners:
 
 
 @given(seed=SEEDS)
-def test_edges_in_any_order_and_direction_form_the_loop(seed: int) -> None:
+def test_edges_in_any_order_and_direction_form_the_loop(seed):
     rng = np.random.default_rng(seed)
     edges = list(cad.RectangleRounded(4, 2, 0.5).edges())
     mixed = [edges[k] if rng.random() < 0.5 else cad.Edge(edges[k].wrapped.Reversed()) for k in rng.permutation(8)]
@@ -91,7 +85,7 @@ def test_edges_in_any_order_and_direction_form_the_loop(seed: int) -> None:
     np.testing.assert_allclose(tangent, tuple(first % 0), atol=1e-9)  # the direction of the first edge
 
 
-def test_several_wires_are_several_curves_in_their_order() -> None:
+def test_several_wires_are_several_curves_in_their_order():
     wires = [cad.Wire.make_circle(radius).move(cad.Location((0, 0, radius))) for radius in (1, 3, 2)]
     for shape in (wires, cad.Compound(wires)):
         assert [rim.length for rim in to_rims(shape)] == pytest.approx([2 * np.pi, 6 * np.pi, 4 * np.pi])
@@ -101,7 +95,7 @@ def test_several_wires_are_several_curves_in_their_order() -> None:
         to_rims(wires, 3)
 
 
-def triangle_with_edges_given_twice() -> list[Any]:
+def triangle_with_edges_given_twice():
     first, second, third = polyline((0, 0, 0), (1, 0, 0), (0, 1, 0))
     return [first, second, third, cad.Compound([second, third]), cad.Edge(first.wrapped.Reversed())]
 
@@ -117,12 +111,12 @@ def triangle_with_edges_given_twice() -> list[Any]:
         (lambda: cad.Compound([cad.Box(1, 1, 1), cad.Wire.make_circle(3)]), 1),
     ],
 )
-def test_edges_that_count(made: Callable[[], Any], edges: int) -> None:
+def test_edges_that_count(made, edges):
     (rim,) = to_rims(made())
     assert (rim.kind, rim.edges) == ("edges", edges)
 
 
-def test_small_gaps_are_closed_and_reported() -> None:
+def test_small_gaps_are_closed_and_reported():
     """Ends 1e-6 apart, half of the limit of 1e-6 of the size: each moves by half of it, and straight sides stay so."""
     edges = polyline((0, 0, 0), (2, 0, 0), (2, 2, 0))
     edges[1] = cad.Edge.make_line((2, 0, 1e-6), (2, 2, 0))
@@ -132,7 +126,7 @@ def test_small_gaps_are_closed_and_reported() -> None:
     assert BoundaryCurve.from_formula(rim).length() == pytest.approx(4 + 2 * np.sqrt(2))
 
 
-def test_faces_give_their_free_boundary_directed_as_a_hole() -> None:
+def test_faces_give_their_free_boundary_directed_as_a_hole():
     """A box without its top: a patch over the hole has the normal of the top."""
     faces = cad.Box(1, 2, 3).faces().sort_by(cad.Axis.Z)
     for open_box in (cad.Shell(faces[:-1]), list(faces[:-1])):
@@ -143,7 +137,7 @@ def test_faces_give_their_free_boundary_directed_as_a_hole() -> None:
         assert np.cross(points[1] - points[0], points[2] - points[1])[2] > 0
 
 
-def test_one_of_several_free_boundaries_is_chosen_by_its_number() -> None:
+def test_one_of_several_free_boundaries_is_chosen_by_its_number():
     tube = cad.Shell([face for face in cad.Cone(2, 1, 2).faces() if face.geom_type == cad.GeomType.CONE])
     with pytest.raises(OptionError, match="2 free boundaries"):
         to_rims(tube)
@@ -175,14 +169,14 @@ BAD = {
 
 
 @pytest.mark.parametrize(("made", "error", "message"), BAD.values(), ids=BAD)
-def test_bad_input_is_one_sentence(made: Callable[[], Any], error: type[Exception], message: str) -> None:
+def test_bad_input_is_one_sentence(made, error, message):
     with pytest.raises(error, match=message) as caught:
         to_rims(made())
     assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("suffix", [".step", ".igs", ".brep"])
-def test_files_give_the_edges_that_were_written(suffix: str, tmp_path: Path) -> None:
+def test_files_give_the_edges_that_were_written(suffix, tmp_path):
     write_shape(cad.Compound([seam(40), cad.Wire.make_circle(5)]).wrapped, tmp_path / f"frame{suffix}")
     rims = to_rims(tmp_path / f"frame{suffix}")
     assert sorted(rim.edges for rim in rims) == [1, 1]
@@ -191,7 +185,7 @@ def test_files_give_the_edges_that_were_written(suffix: str, tmp_path: Path) -> 
     assert min(rim.length for rim in rims) == pytest.approx(written.length, rel=1e-9 if suffix == ".igs" else 1e-12)
 
 
-def test_step_files_in_metres_are_read_in_millimetres(tmp_path: Path) -> None:
+def test_step_files_in_metres_are_read_in_millimetres(tmp_path):
     write_shape(cad.Wire.make_circle(1).wrapped, tmp_path / "mm.step")
     text = (tmp_path / "mm.step").read_text()
     assert ".MILLI.,.METRE." in text

@@ -1,9 +1,5 @@
 """Objects of OCP, build123d and CadQuery are recognised as closed curves, without an import of these libraries."""
 
-from __future__ import annotations
-
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -12,12 +8,12 @@ from spinor_geom.adapters.cad_edges import parts_of
 from spinor_geom.adapters.cad_objects import cad_object, cad_shapes
 
 
-def test_other_objects_are_no_cad_shapes() -> None:
+def test_other_objects_are_no_cad_shapes():
     for what in (np.eye(3), [np.eye(3), np.eye(3)], "mesh.obj", (np.eye(3), np.array([[0, 1, 2]])), [], None):
         assert cad_shapes(what, function="solve_plateau") is None
 
 
-def build123d_objects() -> dict[str, Any]:
+def build123d_objects():
     import build123d as cad
 
     with cad.BuildLine() as line:
@@ -37,7 +33,7 @@ def build123d_objects() -> dict[str, Any]:
     }
 
 
-def cadquery_objects() -> dict[str, Any]:
+def cadquery_objects():
     import cadquery as cad
 
     wire = cad.Wire.makeCircle(1, cad.Vector(), cad.Vector(0, 0, 1))
@@ -54,7 +50,7 @@ def cadquery_objects() -> dict[str, Any]:
 
 
 @pytest.mark.parametrize(("library", "objects"), [("build123d", build123d_objects), ("cadquery", cadquery_objects)])
-def test_objects_of_a_library_give_their_curve(library: str, objects: Any) -> None:
+def test_objects_of_a_library_give_their_curve(library, objects):
     pytest.importorskip(library)
     for name, what in objects().items():
         (rim,) = to_rims(what)
@@ -63,7 +59,7 @@ def test_objects_of_a_library_give_their_curve(library: str, objects: Any) -> No
 
 
 @pytest.mark.parametrize("library", ["build123d", "cadquery"])
-def test_shapes_become_objects_of_a_library(library: str) -> None:
+def test_shapes_become_objects_of_a_library(library):
     module = pytest.importorskip(library)
     from OCP.BRepPrimAPI import BRepPrimAPI_MakeBox
 

@@ -1,7 +1,6 @@
 """Meshes and polylines of COMPAS."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +14,7 @@ from tests.fill.shapes import circle
 geometry, datastructures = pytest.importorskip("compas.geometry"), pytest.importorskip("compas.datastructures")
 
 
-def open_cube() -> Any:
+def open_cube():
     """Five quads, with a vertex removed before, so that keys are no indices, and an attribute of a vertex."""
     mesh = datastructures.Mesh()
     mesh.delete_vertex(mesh.add_vertex())
@@ -26,7 +25,7 @@ def open_cube() -> Any:
     return mesh
 
 
-def test_a_mesh_is_filled_and_stays() -> None:
+def test_a_mesh_is_filled_and_stays():
     mesh = open_cube()
     filled, report = fill_hole(mesh, return_report=True)
     assert report.watertight
@@ -38,14 +37,14 @@ def test_a_mesh_is_filled_and_stays() -> None:
     np.testing.assert_array_equal(to_mesh(filled).vertices[:8], to_mesh(mesh).vertices)
 
 
-def test_faces_of_missing_vertices_and_merging_are_refused() -> None:
+def test_faces_of_missing_vertices_and_merging_are_refused():
     with pytest.raises(VertexIndexError):
         extend(open_cube(), replace(lid(), faces=np.full_like(lid().faces, 99)))
     with pytest.raises(OptionError, match="cannot merge"):
         fill_hole(open_cube(), merge=True)
 
 
-def test_polylines_and_polygons_are_curves() -> None:
+def test_polylines_and_polygons_are_curves():
     points = circle(48, bend=0.3).tolist()
     expected = solve_plateau(np.array(points)).area
     for curve in (geometry.Polygon(points), geometry.Polyline([*points, points[0]])):
@@ -54,7 +53,7 @@ def test_polylines_and_polygons_are_curves() -> None:
     assert solve_plateau(list(map(geometry.Polyline, rings))).area == solve_plateau(list(map(np.array, rings))).area
 
 
-def test_lines_and_polylines_are_fixed_edges() -> None:
+def test_lines_and_polylines_are_fixed_edges():
     corners = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
     sides = [geometry.Line(*corners[1:3]), geometry.Polyline(corners[2:4]), geometry.Line(corners[3], corners[0])]
     membrane = solve_membrane([Cable(start=geometry.Point(0, 0, 0), end=corners[1], tension=1.5), *sides])

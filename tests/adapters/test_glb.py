@@ -1,7 +1,4 @@
-from __future__ import annotations
-
 import struct
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,7 +12,6 @@ from spinor_geom.adapters.glb import read_glb
 from spinor_geom.adapters.glb_container import GlbContainer
 from spinor_geom.adapters.mesh_files import write_triangles
 from spinor_geom.mesh.topology import boundary_edges
-from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
 from spinor_geom.render.fill_scene import skin_of
 from tests.adapters.shapes import (
     extension,
@@ -37,18 +33,18 @@ INDICES = FACES.reshape(-1, 1).astype(np.uint16)
 CUBE = {"POSITION": VERTICES, "indices": INDICES}
 
 
-def pieces(data: bytes) -> list[glb.PlacedPrimitive]:
+def pieces(data):
     return glb.scene_pieces(GlbContainer.read(data))
 
 
-def unwelded() -> dict[str, np.ndarray]:
+def unwelded():
     """The cube with separate vertices and normals for each side, as for rendering."""
     corners = VERTICES[FACES].reshape(-1, 3)
     sides = np.cross(VERTICES[FACES[:, 1]] - VERTICES[FACES[:, 0]], VERTICES[FACES[:, 2]] - VERTICES[FACES[:, 0]])
     return {"POSITION": corners, "NORMAL": np.repeat(sides, 3, axis=0).astype(np.float32)}
 
 
-def lid_over(mesh: TriangleMesh, lift: float = 1 / 3) -> MeshExtension:
+def lid_over(mesh, lift=1 / 3):
     """A lid for the cube wherever its corners are numbered in a mesh: over its open edges."""
     edges = boundary_edges(mesh.faces)
     rim = mesh.vertices[edges[:, 0]]
@@ -65,9 +61,7 @@ def lid_over(mesh: TriangleMesh, lift: float = 1 / 3) -> MeshExtension:
     narrow=st.sampled_from([np.uint8, np.uint16, np.uint32]),
     color=st.sampled_from([np.uint8, np.uint16, np.float32]),
 )
-def test_round_trip_keeps_every_attribute(
-    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject, seed: int, narrow: type, color: type
-) -> None:
+def test_round_trip_keeps_every_attribute(tmp_path_factory, data, seed, narrow, color):
     random = np.random.default_rng(seed)
     colors = random.uniform(size=(8, 4)) if color is np.float32 else random.integers(0, np.iinfo(color).max, (8, 4))
     primitive = {
@@ -98,7 +92,7 @@ def test_round_trip_keeps_every_attribute(
     assert all(raw[name].tobytes() == rows.tobytes() for name, rows in primitive.items() if name != "indices")
 
 
-def test_lid_closes_the_cube_in_trimesh_s_eyes_too(tmp_path: Path) -> None:
+def test_lid_closes_the_cube_in_trimesh_s_eyes_too(tmp_path):
     file = parsed(glb_file([CUBE]))
     closed = again(file.extended(lid()), tmp_path)
     assert is_closed(closed.mesh)
@@ -115,7 +109,7 @@ def test_lid_closes_the_cube_in_trimesh_s_eyes_too(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("transform", [{}, {"scale": [1, 3, 0.1], "translation": [1, 2, 0.3]}])
-def test_rim_vertices_of_another_material_are_copied_bit_by_bit(tmp_path: Path, transform: dict) -> None:
+def test_rim_vertices_of_another_material_are_copied_bit_by_bit(tmp_path, transform):
     random = np.random.default_rng(8)
     normals = random.normal(size=(8, 3)).astype(np.float32)
     halves = []
@@ -135,7 +129,7 @@ def test_rim_vertices_of_another_material_are_copied_bit_by_bit(tmp_path: Path, 
     assert all(tuple(row) in rows for row in patch.rows["NORMAL"][:-1].tolist())
 
 
-def test_transformed_nodes_are_read_in_scene_coordinates_and_written_in_their_own(tmp_path: Path) -> None:
+def test_transformed_nodes_are_read_in_scene_coordinates_and_written_in_their_own(tmp_path):
     angle = np.pi / 6
     turned = {"rotation": [0, 0, np.sin(angle), np.cos(angle)], "translation": [10, 0, 0]}
     nodes = [{"children": [1], **turned}, {"mesh": 0, "scale": [2, 2, 2]}]
@@ -152,7 +146,7 @@ def test_transformed_nodes_are_read_in_scene_coordinates_and_written_in_their_ow
     assert np.allclose(scene.to_mesh().bounds, [closed.mesh.vertices.min(axis=0), closed.mesh.vertices.max(axis=0)])
 
 
-def test_instances_are_read_once_each_and_only_the_filled_one_grows(tmp_path: Path) -> None:
+def test_instances_are_read_once_each_and_only_the_filled_one_grows(tmp_path):
     column_major = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 3, 0, 0, 1]
     nodes = [{"mesh": 0}, {"mesh": 0, "matrix": column_major}]
     file = parsed(glb_file([CUBE], nodes=nodes, scenes=[{"nodes": [0, 1]}]))
@@ -165,7 +159,7 @@ def test_instances_are_read_once_each_and_only_the_filled_one_grows(tmp_path: Pa
     assert is_closed(again(both, tmp_path).mesh)
 
 
-def test_quantized_positions_are_rounded_to_their_grid(tmp_path: Path) -> None:
+def test_quantized_positions_are_rounded_to_their_grid(tmp_path):
     data = glb_file([{"POSITION": VERTICES.astype(np.int16) * 300, "indices": INDICES}])
     file = parsed(glb_with(lambda tree: tree["accessors"][0].update(normalized=True), data))
     assert np.allclose(file.mesh.vertices, VERTICES * 300 / 32767)
@@ -175,7 +169,7 @@ def test_quantized_positions_are_rounded_to_their_grid(tmp_path: Path) -> None:
     assert np.abs(back.mesh.vertices[-1:] - cover.vertices).max() <= 0.5 / 32767
 
 
-def test_joints_are_those_of_the_nearest_vertex_and_animations_stay(tmp_path: Path) -> None:
+def test_joints_are_those_of_the_nearest_vertex_and_animations_stay(tmp_path):
     joints = np.arange(32, dtype=np.uint8).reshape(8, 4)
     data = glb_file([{**CUBE, "JOINTS_0": joints, "WEIGHTS_0": np.full((8, 4), 0.25, dtype=np.float32)}])
     animations = [{"samplers": [{"input": 0, "output": 0}], "channels": []}]
@@ -191,10 +185,10 @@ def test_joints_are_those_of_the_nearest_vertex_and_animations_stay(tmp_path: Pa
     assert is_closed(back.mesh)
 
 
-def test_foreign_buffers_stay(tmp_path: Path) -> None:
+def test_foreign_buffers_stay(tmp_path):
     data = glb_file([CUBE])
 
-    def add_foreign(tree: dict) -> None:
+    def add_foreign(tree):
         tree["buffers"].append({"uri": "secret.bin", "byteLength": 4})
         tree["bufferViews"].append({"buffer": 1, "byteLength": 4})
         tree["images"] = [{"uri": "http://example.org/x.png"}, {"bufferView": 2, "mimeType": "image/png"}]
@@ -209,17 +203,17 @@ def test_foreign_buffers_stay(tmp_path: Path) -> None:
     assert is_closed(read_mesh(tmp_path / "b.glb").mesh)
 
 
-def test_primitives_without_triangles_are_passed_over(tmp_path: Path) -> None:
+def test_primitives_without_triangles_are_passed_over(tmp_path):
     file = parsed(glb_file([{"POSITION": VERTICES, "indices": INDICES[:0]}, CUBE]))
     assert len(file.mesh.vertices) == 8
     assert is_closed(again(file.extended(lid()), tmp_path).mesh)
 
 
-def test_rim_of_another_node_and_loose_patches_are_written_in_scene_coordinates(tmp_path: Path) -> None:
+def test_rim_of_another_node_and_loose_patches_are_written_in_scene_coordinates(tmp_path):
     nodes = [{"mesh": 0}, {"mesh": 1, "translation": [0, 0, 2]}]
     data = glb_file([CUBE, {**CUBE, "NORMAL": VERTICES}])
 
-    def part(tree: dict) -> None:
+    def part(tree):
         first, second = tree["meshes"][0]["primitives"]
         tree["meshes"] = [{"primitives": [first]}, {"primitives": [second]}]
         tree["scenes"] = [{"nodes": [0, 1]}]
@@ -236,14 +230,14 @@ def test_rim_of_another_node_and_loose_patches_are_written_in_scene_coordinates(
 GOOD = glb_file([CUBE])
 
 
-def test_unknown_chunks_are_kept(tmp_path: Path) -> None:
+def test_unknown_chunks_are_kept(tmp_path):
     chunk = struct.pack("<I4s", 8, b"XTRA") + b"whatever"
     data = GOOD[:8] + struct.pack("<I", len(GOOD) + len(chunk)) + GOOD[12:] + chunk
     assert is_closed(again(parsed(data).extended(lid()), tmp_path).mesh)
     assert (tmp_path / "again.glb").read_bytes().endswith(chunk)
 
 
-def test_colours_of_vertices_and_materials_are_linear(tmp_path: Path) -> None:
+def test_colours_of_vertices_and_materials_are_linear(tmp_path):
     """As glTF defines them. The value 0.5 of sRGB is 0.2140 of the light."""
     ball = trimesh.creation.icosphere(subdivisions=1)
     ball.visual = trimesh.visual.TextureVisuals(material=PBRMaterial(baseColorFactor=[0.5, 1.0, 0.0, 1.0]))

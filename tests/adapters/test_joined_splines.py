@@ -1,7 +1,5 @@
 """JoinedSplines: arc length, corners and joints of rational splines; NurbsCurve: direction, moved ends."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -11,10 +9,10 @@ from spinor_geom.adapters.cad_curves import JoinedSplines
 from spinor_geom.errors import CurveError
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.rational_splines import NurbsCurve
-from tests.strategies import SEEDS, RigidMotion, rigid_motions
+from tests.strategies import SEEDS, rigid_motions
 
 
-def full_circle(radius: float = 1.0) -> NurbsCurve:
+def full_circle(radius=1.0):
     """A circle of three rational parabolas."""
     angle, is_between = 2 * np.pi * np.arange(7) / 6, np.arange(7) % 2 == 1
     poles = radius * np.stack([np.cos(angle), np.sin(angle), np.zeros(7)], axis=1)
@@ -23,18 +21,18 @@ def full_circle(radius: float = 1.0) -> NurbsCurve:
     return NurbsCurve(knots=knots, control_points=poles, weights=np.where(is_between, 0.5, 1.0))
 
 
-def line(first: np.ndarray, last: np.ndarray, degree: int = 1) -> NurbsCurve:
+def line(first, last, degree=1):
     share = np.linspace(0, 1, degree + 1)[:, None]
     knots = np.repeat([0.0, 1.0], degree + 1)
     return NurbsCurve(knots=knots, control_points=(1 - share) * first + share * last, weights=np.ones(degree + 1))
 
 
-def polygon(*points: tuple[float, float, float]) -> JoinedSplines:
+def polygon(*points):
     corners = np.array(points, dtype=float)
     return JoinedSplines.of([line(a, b) for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)])
 
 
-def random_spline(seed: int, degree: int, spans: int) -> NurbsCurve:
+def random_spline(seed, degree, spans):
     """An open rational spline with uneven knots and weights."""
     random = np.random.default_rng(seed)
     inner = np.cumsum(random.uniform(0.5, 2, size=spans))
@@ -45,7 +43,7 @@ def random_spline(seed: int, degree: int, spans: int) -> NurbsCurve:
     return NurbsCurve(knots=knots, control_points=poles, weights=random.uniform(0.5, 2, size=count))
 
 
-def test_circle_has_the_parameter_of_its_angle() -> None:
+def test_circle_has_the_parameter_of_its_angle():
     curve = JoinedSplines.of([full_circle(2.0)]).curve()
     s = np.linspace(0, 1, 101)[:-1]
     exact = 2 * np.stack([np.cos(2 * np.pi * s), np.sin(2 * np.pi * s), np.zeros(100)], axis=1)
@@ -58,7 +56,7 @@ def test_circle_has_the_parameter_of_its_angle() -> None:
 
 
 @pytest.mark.parametrize(("turn", "corners"), [(0.0, 2), (5e-4, 2), (2e-3, 3)])
-def test_small_turns_are_joints(turn: float, corners: int) -> None:
+def test_small_turns_are_joints(turn, corners):
     """Imported edges meet with small angles. Those up to SMOOTH_TURN = 1e-3 are no corners."""
     curve = polygon((0, 0, 0), (1, 0, 0), (2, np.tan(turn), 0), (1, 2, 0)).curve()
     assert len(curve.corners) == corners + 1
@@ -67,7 +65,7 @@ def test_small_turns_are_joints(turn: float, corners: int) -> None:
 
 
 @given(seed=SEEDS, degree=st.integers(2, 7), spans=st.integers(1, 6))
-def test_random_splines_have_unit_speed_and_pass_their_own_points(seed: int, degree: int, spans: int) -> None:
+def test_random_splines_have_unit_speed_and_pass_their_own_points(seed, degree, spans):
     first = random_spline(seed, degree, spans)
     back = line(first.ends[1], first.ends[0], degree)
     joined = JoinedSplines.of([first, back])
@@ -83,7 +81,7 @@ def test_random_splines_have_unit_speed_and_pass_their_own_points(seed: int, deg
 
 
 @given(motion=rigid_motions(max_shift=1e4), seed=SEEDS)
-def test_curves_move_with_their_poles(motion: RigidMotion, seed: int) -> None:
+def test_curves_move_with_their_poles(motion, seed):
     """Far from the origin too, where coordinates have larger rounding errors."""
     spline = random_spline(seed, 3, 4)
     moved = NurbsCurve(knots=spline.knots, control_points=motion(spline.control_points), weights=spline.weights)
@@ -94,7 +92,7 @@ def test_curves_move_with_their_poles(motion: RigidMotion, seed: int) -> None:
     np.testing.assert_allclose(spline.reversed().point(s), spline.point(1 - s), atol=1e-13)
 
 
-def test_moved_ends_keep_straight_lines_straight() -> None:
+def test_moved_ends_keep_straight_lines_straight():
     moved = line(np.zeros(3), np.array([1.0, 0, 0]), 3).between(np.array([[0, 0.1, 0], [1, 0, 0.2]]))
     t = np.linspace(0, 1, 7)[:, None]
     np.testing.assert_allclose(moved.point(t[:, 0]), (1 - t) * [0, 0.1, 0] + t * [1, 0, 0.2], atol=1e-15)
@@ -104,7 +102,7 @@ def test_moved_ends_keep_straight_lines_straight() -> None:
 
 
 @pytest.mark.parametrize("at", [1 / 2, 1 / 3])
-def test_a_spline_that_turns_back_is_refused(at: float) -> None:
+def test_a_spline_that_turns_back_is_refused(at):
     """A cubic whose derivative is (t - at)(v + wt)."""
     v, w = np.array([1.0, 2, 0]), np.array([1.0, -1, 0])
     steps = np.array([-at * v, (v - at * w) / 2 - at * v, w + v - at * w - at * v])

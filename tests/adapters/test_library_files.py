@@ -1,9 +1,5 @@
 """Formats read by other libraries: .vtp and .vtk by PyVista."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 import pyvista
@@ -20,7 +16,7 @@ VTK = pytest.mark.parametrize("suffix", [".vtp", ".vtk"])
 
 @VTK
 @pytest.mark.parametrize("single", [False, True])
-def test_a_vtk_file_is_filled_and_keeps_its_data(tmp_path: Path, suffix: str, single: bool) -> None:
+def test_a_vtk_file_is_filled_and_keeps_its_data(tmp_path, suffix, single):
     vertices, faces = tube()
     held = pyvista.PolyData.from_regular_faces(vertices.astype(np.float32) if single else vertices, faces)
     held.point_data["height"] = vertices[:, 2]
@@ -39,7 +35,7 @@ def test_a_vtk_file_is_filled_and_keeps_its_data(tmp_path: Path, suffix: str, si
 
 
 @VTK
-def test_quads_lines_and_names_survive_from_one_format_to_the_other(tmp_path: Path, suffix: str) -> None:
+def test_quads_lines_and_names_survive_from_one_format_to_the_other(tmp_path, suffix):
     cube = pyvista.PolyData.from_regular_faces(CUBE_POINTS, CUBE_QUADS)
     cube.point_data["class"] = np.arange(8)
     cube.point_data["RGB"] = np.full((8, 3), 200, dtype=np.uint8)
@@ -59,9 +55,7 @@ def test_quads_lines_and_names_survive_from_one_format_to_the_other(tmp_path: Pa
 
 
 @VTK
-def test_a_damaged_vtk_file_is_an_error_that_names_it_and_nothing_is_printed(
-    tmp_path: Path, suffix: str, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_damaged_vtk_file_is_an_error_that_names_it_and_nothing_is_printed(tmp_path, suffix, capfd):
     sphere, path = pyvista.Sphere(), tmp_path / f"damaged{suffix}"
     sphere.save(path)
     whole = path.read_bytes()
@@ -74,7 +68,7 @@ def test_a_damaged_vtk_file_is_an_error_that_names_it_and_nothing_is_printed(
 
 
 @VTK
-def test_what_is_no_surface_or_not_finite_is_refused_with_the_file_name(tmp_path: Path, suffix: str) -> None:
+def test_what_is_no_surface_or_not_finite_is_refused_with_the_file_name(tmp_path, suffix):
     sphere = pyvista.Sphere().strip()
     sphere.save(tmp_path / f"strips{suffix}")
     with pytest.raises(MeshFileError, match=r"strips.*: the mesh has triangle strips"):
@@ -92,9 +86,7 @@ NAMED = {"H\u00f6he": (".ply",), "Temp": (), "temp": (".glb",), "a b": (), "a_b"
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".glb"])
-def test_names_that_a_format_cannot_hold_are_left_out_and_named(
-    tmp_path: Path, suffix: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_names_that_a_format_cannot_hold_are_left_out_and_named(tmp_path, suffix, capsys):
     held = pyvista.PolyData.from_regular_faces(*tube())
     for number, name in enumerate(NAMED):
         held.point_data[name] = np.arange(48.0) + 100 * number
@@ -115,7 +107,7 @@ def test_names_that_a_format_cannot_hold_are_left_out_and_named(
 @pytest.mark.parametrize(
     ("suffix", "kept"), [(".obj", {"color"}), (".off", {"color"}), (".stl", set()), (".3mf", set())]
 )
-def test_attributes_that_a_format_cannot_store_are_named(tmp_path: Path, suffix: str, kept: set[str]) -> None:
+def test_attributes_that_a_format_cannot_store_are_named(tmp_path, suffix, kept):
     held = pyvista.PolyData.from_regular_faces(*tube())
     held.point_data["color"] = np.full((48, 3), 128, dtype=np.uint8)
     held.point_data["pressure"] = np.arange(48.0)

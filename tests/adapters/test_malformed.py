@@ -1,11 +1,8 @@
 """Malformed files give the right mesh or a typed error that names the place in the file, in bounded memory and time."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys
-from typing import Any
 
 import pytest
 
@@ -15,7 +12,7 @@ SECONDS = 20.0  # for each file, on a busy machine. All take less than one on an
 
 
 @pytest.fixture(scope="module")
-def outcomes(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, Any]]:
+def outcomes(tmp_path_factory):
     """The result of each file; one process with limited memory reads them one after the other."""
     folder = tmp_path_factory.mktemp("malformed")
     command = [sys.executable, "-W", "error", "-m", "tests.adapters.malformed", str(folder)]
@@ -25,7 +22,7 @@ def outcomes(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, An
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_a_malformed_file_is_read_right_or_refused(outcomes: dict[str, dict[str, Any]], name: str) -> None:
+def test_a_malformed_file_is_read_right_or_refused(outcomes, name):
     wanted, outcome = CASES[name][1], outcomes[name]
     if isinstance(wanted, tuple):
         assert outcome.get("read") == list(wanted), outcome
@@ -37,7 +34,7 @@ def test_a_malformed_file_is_read_right_or_refused(outcomes: dict[str, dict[str,
     assert outcome["seconds"] < SECONDS
 
 
-def test_changed_files_are_read_or_refused() -> None:
+def test_changed_files_are_read_or_refused():
     command = [sys.executable, "-W", "error", "-m", "tests.adapters.fuzz"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 0, done.stderr[-4000:]

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -29,7 +27,7 @@ from tests.adapters.shapes import (
 SUFFIXES = [".obj", ".ply", ".stl", ".off", ".glb"]
 
 
-def cube_file(folder: Path, suffix: str = ".obj") -> Path:
+def cube_file(folder, suffix=".obj"):
     """The open cube of quads, with colours, in any format."""
     text = "".join(f"v {x} {y} {z} {x} {y} 0.5\n" for x, y, z in CUBE_POINTS.tolist())
     (folder / "cube.obj").write_text(text + quad_lines())
@@ -40,7 +38,7 @@ def cube_file(folder: Path, suffix: str = ".obj") -> Path:
 
 @pytest.mark.parametrize("source", [".obj", ".ply", ".off", ".glb"])
 @pytest.mark.parametrize("target", SUFFIXES)
-def test_filled_files_close_in_every_format(tmp_path: Path, source: str, target: str) -> None:
+def test_filled_files_close_in_every_format(tmp_path, source, target):
     file = read_mesh(cube_file(tmp_path, source))
     closed = file.extended(lid_for(file.mesh))
     closed.write(tmp_path / f"closed{target.upper()}")
@@ -58,7 +56,7 @@ def test_filled_files_close_in_every_format(tmp_path: Path, source: str, target:
 
 
 @pytest.mark.parametrize("encoding", ["ascii.ply", "binary.ply", ".off", ".glb", ".obj", ".stl"])
-def test_files_of_trimesh_are_read_and_written_as_by_trimesh(tmp_path: Path, encoding: str) -> None:
+def test_files_of_trimesh_are_read_and_written_as_by_trimesh(tmp_path, encoding):
     ball = trimesh.creation.icosphere(subdivisions=1)
     path, anew = (tmp_path / f"{name}.{encoding.rpartition('.')[2]}" for name in ("ball", "anew"))
     if encoding != ".stl":
@@ -86,7 +84,7 @@ def test_files_of_trimesh_are_read_and_written_as_by_trimesh(tmp_path: Path, enc
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".off", ".glb", ".vtp"])
-def test_edges_where_attributes_differ_are_no_boundary_and_others_are(tmp_path: Path, suffix: str) -> None:
+def test_edges_where_attributes_differ_are_no_boundary_and_others_are(tmp_path, suffix):
     vertices, faces = open_cube()
     soup = pyvista.PolyData.from_regular_faces(vertices[faces].reshape(-1, 3), np.arange(30).reshape(-1, 3))
     soup.save(tmp_path / "soup.vtp")
@@ -101,7 +99,7 @@ def test_edges_where_attributes_differ_are_no_boundary_and_others_are(tmp_path: 
         assert len(boundary_edges(file.merged().mesh.faces)) == 4
 
 
-def test_merged_closes_a_soup_and_keeps_polygons_and_curves(tmp_path: Path) -> None:
+def test_merged_closes_a_soup_and_keeps_polygons_and_curves(tmp_path):
     corners = CUBE_POINTS[CUBE_QUADS[:-1]].reshape(-1, 3)
     text = "".join(f"v {x} {y} {z}\n" for x, y, z in corners.tolist())
     text += "".join(f"f {i} {i + 1} {i + 2} {i + 3}\n" for i in range(1, 20, 4)) + "l 1 2\n"
@@ -119,7 +117,7 @@ def test_merged_closes_a_soup_and_keeps_polygons_and_curves(tmp_path: Path) -> N
     assert "mtllib" not in (tmp_path / "merged.obj").read_text()
 
 
-def test_attributes_go_from_obj_to_glb_as_far_as_the_format_allows(tmp_path: Path) -> None:
+def test_attributes_go_from_obj_to_glb_as_far_as_the_format_allows(tmp_path):
     random = np.random.default_rng(4)
     uv, normals = random.uniform(size=(8, 2)), random.normal(size=(8, 3))
     text = "".join(f"v {x} {y} {z}\n" for x, y, z in CUBE_POINTS.tolist())
@@ -138,12 +136,12 @@ def test_attributes_go_from_obj_to_glb_as_far_as_the_format_allows(tmp_path: Pat
     assert sorted(read_mesh(tmp_path / "wide.ply").mesh.vertex_attributes) == [f"wide_{k}" for k in range(5)]
 
 
-def test_failed_writing_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_failed_writing_leaves_the_old_file(tmp_path, monkeypatch):
     file = read_mesh(cube_file(tmp_path))
     target = tmp_path / "target.ply"
     target.write_bytes(b"old")
 
-    def full_disk(path: Path, data: bytes) -> int:
+    def full_disk(path, data):
         with path.open("wb") as stream:
             stream.write(data[:10])
         raise OSError(28, "No space left on device")
@@ -157,7 +155,7 @@ def test_failed_writing_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.
 
 
 @pytest.mark.parametrize("name", ["missing.obj", "folder.obj", "mesh", "mesh.obj.gz"])
-def test_files_that_cannot_be_read_are_named(tmp_path: Path, name: str) -> None:
+def test_files_that_cannot_be_read_are_named(tmp_path, name):
     (tmp_path / "folder.obj").mkdir()
     with pytest.raises(MeshFileError) as caught:
         read_mesh(tmp_path / name)
@@ -165,13 +163,13 @@ def test_files_that_cannot_be_read_are_named(tmp_path: Path, name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["a.step", "missing/a.obj"])
-def test_files_that_cannot_be_written_are_named(tmp_path: Path, name: str) -> None:
+def test_files_that_cannot_be_written_are_named(tmp_path, name):
     with pytest.raises(MeshFileError) as caught:
         read_mesh(cube_file(tmp_path)).write(tmp_path / name)
     assert caught.value.fields["path"] == tmp_path / name
 
 
-def test_extensions_that_do_not_fit_are_refused(tmp_path: Path) -> None:
+def test_extensions_that_do_not_fit_are_refused(tmp_path):
     file = read_mesh(cube_file(tmp_path))
     with pytest.raises(MeshShapeError, match="'color'"):
         file.extended(lid())
@@ -181,7 +179,7 @@ def test_extensions_that_do_not_fit_are_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("suffix", FORMATS)
-def test_a_file_that_was_read_is_closed_so_that_windows_lets_it_be_replaced(suffix: str, tmp_path: Path) -> None:
+def test_a_file_that_was_read_is_closed_so_that_windows_lets_it_be_replaced(suffix, tmp_path):
     path = cube_file(tmp_path, suffix)
     file = read_mesh(path)
     maps = Path("/proc/self/maps")  # where the system tells
@@ -191,7 +189,7 @@ def test_a_file_that_was_read_is_closed_so_that_windows_lets_it_be_replaced(suff
     assert len(read_mesh(path).mesh.faces) == len(file.mesh.faces)
 
 
-def with_unused_nan(path: Path) -> Path:
+def with_unused_nan(path):
     """The open cube with three vertices more, NaN or infinite, in the middle of its vertices. No face uses them."""
     points = np.insert(CUBE_POINTS, [3, 3, 5], [[np.nan] * 3, [0, np.inf, 0], [-np.inf, np.nan, 1]], axis=0)
     quads = CUBE_QUADS[:-1]
@@ -217,7 +215,7 @@ def with_unused_nan(path: Path) -> Path:
 
 
 @pytest.mark.parametrize("source", [".obj", ".ply", ".off", ".vtk"])
-def test_vertices_that_are_nan_and_in_no_face_stay_and_are_told(tmp_path: Path, source: str) -> None:
+def test_vertices_that_are_nan_and_in_no_face_stay_and_are_told(tmp_path, source):
     file = read_mesh(with_unused_nan(tmp_path / f"nan{source}"))
     filled, report = fill_hole(file, return_report=True)
     assert report.watertight
@@ -239,7 +237,7 @@ def test_vertices_that_are_nan_and_in_no_face_stay_and_are_told(tmp_path: Path, 
 @pytest.mark.parametrize(
     ("source", "place"), [(".obj", "line 4: "), (".ply", "line 13: "), (".off", "line 6: "), (".vtk", "")]
 )
-def test_a_vertex_that_is_nan_and_in_a_face_is_refused_with_both(tmp_path: Path, source: str, place: str) -> None:
+def test_a_vertex_that_is_nan_and_in_a_face_is_refused_with_both(tmp_path, source, place):
     path = with_unused_nan(tmp_path / f"nan{source}")
     file = read_mesh(path)
     corners = np.array(file.polygons.corners)
@@ -251,7 +249,7 @@ def test_a_vertex_that_is_nan_and_in_a_face_is_refused_with_both(tmp_path: Path,
         MeshFile.of_contents(replace(file.contents, polygons=polygons), path=None)
 
 
-def test_names_that_are_left_out_are_told(tmp_path: Path) -> None:
+def test_names_that_are_left_out_are_told(tmp_path):
     text = cube_file(tmp_path).read_text()
     (tmp_path / "parts.obj").write_text(text.replace("f ", "o roof\nf ", 1) + "o floor\nf 1 2 3\n")
     file = read_mesh(tmp_path / "parts.obj")

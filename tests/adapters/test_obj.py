@@ -1,7 +1,3 @@
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -50,7 +46,7 @@ TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
     ],
 )
 @pytest.mark.parametrize("newline", ["\n", "\r\n", "\r"])
-def test_forms_of_a_face(face: str, newline: str) -> None:
+def test_forms_of_a_face(face, newline):
     extra = "".join(f"vt {i}.5 0\nvn 0 0 1\n" for i in range(6))
     file = parsed((TRIANGLE + extra + face + "\nv 5 5 5\n").replace("\n", newline))
     assert file.mesh.faces.tolist() == [[0, 1, 2]]
@@ -58,7 +54,7 @@ def test_forms_of_a_face(face: str, newline: str) -> None:
 
 
 @pytest.mark.parametrize("newline", ["\n", "\r\n", "\r"])
-def test_comments_and_names_end_at_the_end_of_their_line(newline: str) -> None:
+def test_comments_and_names_end_at_the_end_of_their_line(newline):
     path = "C:\\scans\\"
     text = f"# {path}\nv 0 0 0 # {path}\nv 1 0 0\nv 0 \\\n1 0\n#\\\nf 1 2 \\\n3 # \\\\\nv 5 5 5\n"
     file = parsed(text.replace("\n", newline))
@@ -78,14 +74,7 @@ def test_comments_and_names_end_at_the_end_of_their_line(newline: str) -> None:
     newline=st.sampled_from(["\n", "\r\n"]),
     open_end=st.booleans(),
 )
-def test_round_trip_is_bit_exact(
-    tmp_path_factory: pytest.TempPathFactory,
-    data: st.DataObject,
-    seed: int,
-    colored: bool,
-    newline: str,
-    open_end: bool,
-) -> None:
+def test_round_trip_is_bit_exact(tmp_path_factory, data, seed, colored, newline, open_end):
     random = np.random.default_rng(seed)
     rows = random.normal(size=(7, 6 if colored else 3)) * 10.0 ** random.integers(-20, 20)
     vertices = ("v " + " ".join(map(repr, row)) for row in rows.tolist())
@@ -106,7 +95,7 @@ def test_round_trip_is_bit_exact(
 
 @pytest.mark.parametrize("newline", ["\n", "\r\n", "\r"])
 @pytest.mark.parametrize("end", ["", "\\", "\n", "\\\n"])
-def test_a_last_line_of_any_end_is_not_continued_by_what_is_added(tmp_path: Path, newline: str, end: str) -> None:
+def test_a_last_line_of_any_end_is_not_continued_by_what_is_added(tmp_path, newline, end):
     text = (TRIANGLE + "f 1 2 3" + end).replace("\n", newline)
     one = extension([5, 5, 5], [1, 0, 3])
     closed = again(parsed(text).extended(one), tmp_path)
@@ -114,7 +103,7 @@ def test_a_last_line_of_any_end_is_not_continued_by_what_is_added(tmp_path: Path
     assert closed.mesh.faces.tolist() == [[0, 1, 2], [1, 0, 3]]
 
 
-def test_second_extension_follows_the_first(tmp_path: Path) -> None:
+def test_second_extension_follows_the_first(tmp_path):
     twice = parsed(CUBE).extended(extension(lid().vertices, lid().faces[:2])).extended(extension([], lid().faces[2:]))
     assert is_closed(twice.mesh)
     assert is_closed(again(twice, tmp_path).mesh)
@@ -129,9 +118,7 @@ def test_second_extension_follows_the_first(tmp_path: Path) -> None:
         ("spot_cut.obj", 11533, 22242, None),
     ],
 )
-def test_real_files_have_the_sizes_that_their_sources_state(
-    tmp_path: Path, name: str, vertices: int, polygons: int, boundary: int | None
-) -> None:
+def test_real_files_have_the_sizes_that_their_sources_state(tmp_path, name, vertices, polygons, boundary):
     file = read_mesh(DATA / name)
     assert len(file.mesh.vertices) == vertices
     assert len(file.polygons) == polygons
@@ -142,7 +129,7 @@ def test_real_files_have_the_sizes_that_their_sources_state(
         assert len(boundary_edges(file.mesh.faces)) == boundary
 
 
-def test_texture_and_normals_of_single_vertices_are_carried(tmp_path: Path) -> None:
+def test_texture_and_normals_of_single_vertices_are_carried(tmp_path):
     text = POINTS + "".join(f"vt {i / 8} 0.5\n" for i in range(8)) + "".join(f"vn {7 - i} 1 0\n" for i in range(8))
     text += "".join("f " + " ".join(f"{i}/{i}/{9 - i}" for i in quad) + "\n" for quad in (CUBE_QUADS[:-1] + 1).tolist())
     file = parsed(text)
@@ -155,21 +142,21 @@ def test_texture_and_normals_of_single_vertices_are_carried(tmp_path: Path) -> N
     assert is_closed(closed.mesh)
 
 
-def test_normals_alone_leave_the_texture_index_empty(tmp_path: Path) -> None:
+def test_normals_alone_leave_the_texture_index_empty(tmp_path):
     file = parsed(POINTS + "".join(f"vn 0 0 {i}\n" for i in range(8)) + quad_lines("{0}//{0}"))
     closed = again(file.extended(lid_for(file.mesh)), tmp_path)
     assert (tmp_path / "again.obj").read_text().endswith("f 4//4 2//2 9//9\n")
     assert set(closed.mesh.vertex_attributes) == {"normal"}
 
 
-def test_unreadable_normals_matter_only_where_each_vertex_has_one() -> None:
+def test_unreadable_normals_matter_only_where_each_vertex_has_one():
     text = TRIANGLE + "vn 0 0 1\nvn up 0 1\n"
     assert dict(parsed(text + "f 1//1 2//2 3//1\nf 1//2 3//1 2//1\n").mesh.vertex_attributes) == {}
     with pytest.raises(MeshFileError, match="line 5"):
         parsed(text + "f 1//1 2//2 3//1\n")
 
 
-def test_weights_are_no_colors() -> None:
+def test_weights_are_no_colors():
     assert dict(parsed("v 0 0 0 1\nv 1 0 0 1\nv 0 1 0 1\nf 1 2 3\n").mesh.vertex_attributes) == {}
     assert dict(parsed("v 0 0 0 1 1 1\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").mesh.vertex_attributes) == {}
     assert parsed("v 0 0 0 9 8 7 6\nv 1 0 0 9 8 7 6\nv 0 1 0 9 8 7 6\nf 1 2 3\n").contents.color_scale == 255.0

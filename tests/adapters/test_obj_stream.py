@@ -1,7 +1,5 @@
 """OBJ files parsed block by block: the result is that of parsing in one piece, with names, in little memory."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +21,7 @@ LINES = (
 ).splitlines()
 
 
-def read(text: str) -> FileContents | str:
+def read(text):
     try:
         with path_in_errors(Path("a.obj")):
             return read_obj(text.encode())
@@ -31,7 +29,7 @@ def read(text: str) -> FileContents | str:
         return str(error)
 
 
-def with_a_face(contents: FileContents) -> bytes:
+def with_a_face(contents):
     assert contents.appended is not None
     none = {name: values[:0] for name, values in contents.attributes.items()}
     return contents.appended(extension([], [0, 0, 0], **none))
@@ -40,7 +38,7 @@ def with_a_face(contents: FileContents) -> bytes:
 PLAIN = ("names", "polyline_names", "suffix")
 
 
-def same(one: FileContents, other: FileContents) -> bool:
+def same(one, other):
     arrays = [
         (
             text.vertices,
@@ -64,7 +62,7 @@ def same(one: FileContents, other: FileContents) -> bool:
     ended=st.booleans(),
 )
 @settings(max_examples=40)
-def test_blocks_of_any_size_give_the_same(lines: list[str], size: int, newline: str, ended: bool) -> None:
+def test_blocks_of_any_size_give_the_same(lines, size, newline, ended):
     text = newline.join(["v 0 0 0 1 1 1", *lines]) + (newline if ended else "")
     whole = read(text)
     with pytest.MonkeyPatch.context() as patch:
@@ -79,7 +77,7 @@ def test_blocks_of_any_size_give_the_same(lines: list[str], size: int, newline: 
         assert with_a_face(blocks) == with_a_face(whole)
 
 
-def test_a_mistake_has_its_line_in_every_block(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_mistake_has_its_line_in_every_block(monkeypatch):
     text = "v 0 0 0\n" * 3 + "f 1 2 3\n" * 50 + "# a \\\n b\n\nf 1 2 4\n"
     monkeypatch.setattr(obj, "BLOCK_SIZE", 16)
     assert "a.obj, line 57: vertex 4 does not exist, the file has 3" in str(read(text))
@@ -87,7 +85,7 @@ def test_a_mistake_has_its_line_in_every_block(monkeypatch: pytest.MonkeyPatch) 
     assert "line 38: has a zero byte" in str(read(text[:300] + "\0"))
 
 
-def test_objects_and_groups_name_what_follows() -> None:
+def test_objects_and_groups_name_what_follows():
     vertices = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
     faces = "f 1 2 3\ng a b\nf 1 2 3\no c\nf 1 2 3\ng d\nf 1 2 3\n"
     text = read(f"{vertices}{faces}l 1 2\ng e\nl 3 2\no f\nl 1 3\n")
@@ -96,7 +94,7 @@ def test_objects_and_groups_name_what_follows() -> None:
     assert text.polyline_names == ("c/d",)
 
 
-def test_a_line_without_end_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_line_without_end_is_refused(monkeypatch):
     monkeypatch.setattr(obj, "BLOCK_SIZE", 1 << 10)
     monkeypatch.setattr(obj, "LONGEST_LINE", 1 << 14)
     assert "a line of more than" in str(read("v 0 0 0\n" + "l" + " 1" * (1 << 14)))

@@ -1,9 +1,6 @@
 """Objects of all types: what they hold stays, holes are filled, vertices merged; what is no mesh is refused."""
 
-from __future__ import annotations
-
 from copy import deepcopy
-from typing import Any
 
 import meshio
 import numpy as np
@@ -17,14 +14,14 @@ from spinor_geom.adapters import extend, to_mesh
 from spinor_geom.errors import MeshShapeError, NonFiniteVertexError, VertexIndexError
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.loop_choice import boundary_loops
-from tests.adapters.objects import OBJECTS, Arrays
+from tests.adapters.objects import OBJECTS
 from tests.adapters.shapes import CUBE_POINTS, CUBE_QUADS, extensions, is_closed, lid, lid_for, meshes, open_cube
 from tests.fill.shapes import tube
 
 FACE = np.array([[0, 1, 2]])
 
 
-def require_prefix(before: Arrays, after: Arrays, rows: int) -> None:
+def require_prefix(before, after, rows):
     """The same arrays with the same first rows, and so many rows in all."""
     assert after.keys() == before.keys()
     for name, values in before.items():
@@ -36,7 +33,7 @@ def require_prefix(before: Arrays, after: Arrays, rows: int) -> None:
 
 @pytest.mark.parametrize("kind", OBJECTS)
 @given(data=st.data(), mesh=meshes())
-def test_all_that_an_object_holds_stays(kind: str, data: st.DataObject, mesh: tuple[np.ndarray, np.ndarray]) -> None:
+def test_all_that_an_object_holds_stays(kind, data, mesh):
     made, held, _ = OBJECTS[kind]
     old = made(*mesh)
     (vertices, faces, other), read = deepcopy(held(old)), to_mesh(old)
@@ -59,7 +56,7 @@ def test_all_that_an_object_holds_stays(kind: str, data: st.DataObject, mesh: tu
 
 
 @pytest.mark.parametrize("kind", OBJECTS)
-def test_a_lid_closes_the_cube_and_needs_all_attributes(kind: str) -> None:
+def test_a_lid_closes_the_cube_and_needs_all_attributes(kind):
     made, _, closed = OBJECTS[kind]
     cube = made(*open_cube())
     assert not closed(cube)
@@ -73,7 +70,7 @@ def test_a_lid_closes_the_cube_and_needs_all_attributes(kind: str) -> None:
 
 @pytest.mark.parametrize("kind", OBJECTS)
 @pytest.mark.parametrize(("error", "merge"), [(None, False), (1e-9, True), (1e-4, 2e-4)])
-def test_vertices_are_merged_and_holes_filled(kind: str, error: float | None, merge: bool | float) -> None:
+def test_vertices_are_merged_and_holes_filled(kind, error, merge):
     made, held, _ = OBJECTS[kind]
     vertices, faces = tube()
     kept = np.arange(48)
@@ -102,7 +99,7 @@ def test_vertices_are_merged_and_holes_filled(kind: str, error: float | None, me
     require_prefix(own, held(given)[0], len(own["vertices"]))
 
 
-def broken_poly_data() -> pyvista.PolyData:
+def broken_poly_data():
     broken = pyvista.PolyData(CUBE_POINTS[:3], faces=[3, 0, 1, 2])
     broken.points = CUBE_POINTS[:2]
     return broken
@@ -130,12 +127,12 @@ def broken_poly_data() -> pyvista.PolyData:
         (broken_poly_data(), VertexIndexError, None),
     ],
 )
-def test_what_is_no_mesh_of_triangles_is_refused(mesh: Any, error: type[Exception], advice: str | None) -> None:
+def test_what_is_no_mesh_of_triangles_is_refused(mesh, error, advice):
     with pytest.raises(error, match=advice):
         to_mesh(mesh)
 
 
-def test_tensors_and_sets_that_are_no_mesh_are_refused() -> None:
+def test_tensors_and_sets_that_are_no_mesh_are_refused():
     import pymeshlab
     import torch
 

@@ -1,7 +1,4 @@
-from __future__ import annotations
-
 from itertools import chain
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -39,7 +36,7 @@ CUBE = f"OFF\n8 5 0\n{POINTS}{QUADS}"
         CUBE.replace("8 5 0", "8 5\n# edges:\n\n 12 # unused").replace("4 0 1 3 2\n", "4 0 1 3 2 255 0 0\n"),
     ],
 )
-def test_forms_of_a_file_keep_their_quads_and_close(tmp_path: Path, text: str) -> None:
+def test_forms_of_a_file_keep_their_quads_and_close(tmp_path, text):
     file = parsed(text)
     assert file.polygons.rows() == CUBE_QUADS[:-1].tolist()
     closed = again(file.extended(lid()), tmp_path)
@@ -51,9 +48,7 @@ def test_forms_of_a_file_keep_their_quads_and_close(tmp_path: Path, text: str) -
 
 
 @given(data=st.data(), seed=st.integers(0, 2**32 - 1), integers=st.booleans())
-def test_round_trip_keeps_normals_colors_and_texture(
-    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject, seed: int, integers: bool
-) -> None:
+def test_round_trip_keeps_normals_colors_and_texture(tmp_path_factory, data, seed, integers):
     random = np.random.default_rng(seed)
     points, normals, uv = random.normal(size=(5, 3)), random.normal(size=(5, 3)), random.uniform(size=(5, 2))
     colors = random.integers(0, 256, (5, 4)) if integers else random.uniform(size=(5, 4))
@@ -74,7 +69,7 @@ def test_round_trip_keeps_normals_colors_and_texture(
         assert np.array_equal(back.mesh.vertex_attributes[name], values)
 
 
-def test_colors_under_the_plain_keyword_and_unknown_columns(tmp_path: Path) -> None:
+def test_colors_under_the_plain_keyword_and_unknown_columns(tmp_path):
     colored = CUBE.replace(".0\n", ".0 255 0 7\n", 8)
     file = parsed(colored)
     assert file.mesh.vertex_attributes["color"][0].tolist() == [255, 0, 7]
@@ -88,7 +83,7 @@ def test_colors_under_the_plain_keyword_and_unknown_columns(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize("keyword", ["COFF", "NOFF", "STOFF", "CNOFF", "STCNOFF"])
-def test_every_keyword_may_be_joined_to_the_counts(keyword: str) -> None:
+def test_every_keyword_may_be_joined_to_the_counts(keyword):
     rows = POINTS.replace(
         ".0\n", ".0" + " 3" * ("N" in keyword) * 3 + " 9" * ("C" in keyword) * 3 + " 5" * 2 * ("T" in keyword) + "\n"
     )

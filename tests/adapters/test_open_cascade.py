@@ -1,6 +1,5 @@
 """Shells and files of Open CASCADE from spline patches with known areas."""
 
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,7 +12,7 @@ from tests.open_cascade import area_of, count, free_wires, is_valid
 KNOTS = np.array([0, 0, 0.5, 1, 1])
 
 
-def square(left: float, size: float = 1.0) -> SimpleNamespace:
+def square(left, size=1.0):
     x, y = np.meshgrid(left + size * np.linspace(0, 1, 3), size * np.linspace(0, 1, 3), indexing="ij")
     net = np.stack([x, y, 0 * x], axis=-1)
     return SimpleNamespace(control_points=net, weights=np.ones(net.shape[:2]), degrees=(1, 1), knots=(KNOTS, KNOTS))
@@ -21,7 +20,7 @@ def square(left: float, size: float = 1.0) -> SimpleNamespace:
 
 @pytest.mark.parametrize("suffix", CAD_SUFFIXES)
 @pytest.mark.parametrize("squares", [1, 2])
-def test_shells_come_back(tmp_path: Path, suffix: str, squares: int, capfd: pytest.CaptureFixture[str]) -> None:
+def test_shells_come_back(tmp_path, suffix, squares, capfd):
     pytest.importorskip("OCP")
     path = tmp_path / f"squares{suffix.upper()}"
     write_shape(sewn_shell([square(k) for k in range(squares)]), path)
@@ -33,7 +32,7 @@ def test_shells_come_back(tmp_path: Path, suffix: str, squares: int, capfd: pyte
     assert capfd.readouterr() == ("", "")
 
 
-def test_bad_shells_and_files_are_errors(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_bad_shells_and_files_are_errors(tmp_path, capfd):
     pytest.importorskip("OCP")
     with pytest.raises(CadFileError, match="do not form one shell"):
         sewn_shell([square(0), square(3)])
@@ -49,7 +48,7 @@ def test_bad_shells_and_files_are_errors(tmp_path: Path, capfd: pytest.CaptureFi
     assert capfd.readouterr() == ("", "")  # Open CASCADE's own messages are not printed
 
 
-def test_unknown_suffixes_and_a_missing_package_are_errors(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unknown_suffixes_and_a_missing_package_are_errors(monkeypatch):
     with pytest.raises(CadFileError, match=r"'\.obj' is not a CAD format"):
         require_cad_suffix("film.obj")
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)

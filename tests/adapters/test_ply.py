@@ -1,7 +1,4 @@
-from __future__ import annotations
-
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,17 +15,7 @@ parsed, again = reading(read_ply, ".ply")
 FORMATS = ["ascii", "binary_little_endian", "binary_big_endian"]
 
 
-def ply(
-    encoding: str,
-    vertices: np.ndarray,
-    faces: list[list[int]],
-    *,
-    extra: dict[str, tuple[str, np.ndarray]] | None = None,
-    face_extra: str = "",
-    coordinate: str = "float",
-    before: str = "",
-    newline: str = "\n",
-) -> bytes:
+def ply(encoding, vertices, faces, *, extra=None, face_extra="", coordinate="float", before="", newline="\n"):
     """A PLY file: positions, further scalar properties (type, values), faces, and with `face_extra` a colour a face."""
     extra = extra or {}
     kinds = {"float": "f4", "double": "f8", "uchar": "u1", "int": "i4"}
@@ -63,9 +50,7 @@ MIXED = [QUADS[0][:3], [QUADS[0][0], QUADS[0][2], QUADS[0][3]], *QUADS[1:]]
 @pytest.mark.parametrize("faces", [QUADS, MIXED], ids=["quads", "mixed"])
 @pytest.mark.parametrize("face_extra", ["", "red"])
 @pytest.mark.parametrize("newline", ["\n", "\r\n"])
-def test_polygons_stay_and_the_lid_closes_the_cube(
-    tmp_path: Path, encoding: str, faces: list[list[int]], face_extra: str, newline: str
-) -> None:
+def test_polygons_stay_and_the_lid_closes_the_cube(tmp_path, encoding, faces, face_extra, newline):
     data = ply(encoding, CUBE_POINTS, faces, face_extra=face_extra, newline=newline)
     file = parsed(data)
     assert file.polygons.rows() == faces
@@ -83,9 +68,7 @@ def test_polygons_stay_and_the_lid_closes_the_cube(
     coordinate=st.sampled_from(["float", "double"]),
     seed=st.integers(0, 2**32 - 1),
 )
-def test_round_trip_keeps_every_property(
-    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject, encoding: str, coordinate: str, seed: int
-) -> None:
+def test_round_trip_keeps_every_property(tmp_path_factory, data, encoding, coordinate, seed):
     random = np.random.default_rng(seed)
     vertices = random.normal(size=(6, 3)).astype("f4" if coordinate == "float" else "f8")
     extra = {name: ("uchar", random.integers(0, 256, 6).astype("u1")) for name in ("red", "green", "blue")}
@@ -106,12 +89,12 @@ def test_round_trip_keeps_every_property(
         assert np.array_equal(back.mesh.vertex_attributes[name], values), name
 
 
-def test_real_colors_of_255_are_recognised_by_any_channel() -> None:
+def test_real_colors_of_255_are_recognised_by_any_channel():
     extra = {name: ("float", np.full(8, value)) for name, value in (("red", 0), ("green", 0), ("blue", 255))}
     assert parsed(ply("ascii", CUBE_POINTS, QUADS, extra=extra)).contents.color_scale == 255.0
 
 
-def test_other_elements_and_comments_stay(tmp_path: Path) -> None:
+def test_other_elements_and_comments_stay(tmp_path):
     before = "obj_info hello\nelement camera 1\nproperty float view\nproperty int depth"
     data = ply("binary_little_endian", CUBE_POINTS, QUADS, before=before)
     head = data.index(b"end_header\n") + len(b"end_header\n")
@@ -124,20 +107,20 @@ def test_other_elements_and_comments_stay(tmp_path: Path) -> None:
     assert is_closed(closed.mesh)
 
 
-def test_text_lines_of_one_length_with_lists_of_another_are_read() -> None:
+def test_text_lines_of_one_length_with_lists_of_another_are_read():
     header = HEAD.replace("vertex 3", "vertex 5") + "element face 2\nproperty list uchar int vertex_indices\n"
     header += "property list uchar int edges\nend_header\n"
     body = "0 0 0\n1 0 0\n1 1 0\n0 1 0\n2 2 0\n" + "3 0 1 2 2 7 7\n4 0 2 4 3 1 7\n"
     assert parsed((header + body).encode()).polygons.rows() == [[0, 1, 2], [0, 2, 4, 3]]
 
 
-def test_empty_elements_are_skipped() -> None:
+def test_empty_elements_are_skipped():
     before = "element edge 0\nproperty int a\nproperty list uchar int b\nelement nothing 5"
     for encoding in FORMATS:
         assert parsed(ply(encoding, CUBE_POINTS, QUADS, before=before)).polygons.rows() == QUADS
 
 
-def test_lists_beside_the_corners_are_kept(tmp_path: Path) -> None:
+def test_lists_beside_the_corners_are_kept(tmp_path):
     vertices, faces = open_cube()
     header = (
         "ply\nformat ascii 1.0\nelement vertex 8\nproperty float x\nproperty float y\nproperty float z\n"
@@ -157,14 +140,14 @@ def test_lists_beside_the_corners_are_kept(tmp_path: Path) -> None:
 HEAD = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
 
 
-def test_an_attribute_called_like_a_coordinate_is_written_beside_it(tmp_path: Path) -> None:
+def test_an_attribute_called_like_a_coordinate_is_written_beside_it(tmp_path):
     contents = replace(parsed(ply("ascii", CUBE_POINTS, QUADS)).contents, attributes={"x": np.ones((8, 1))}, suffix="")
     back = again(MeshFile.of_contents(contents, path=None), tmp_path)
     assert np.array_equal(back.mesh.vertices, CUBE_POINTS)
     assert np.array_equal(back.mesh.vertex_attributes["property_x"], np.ones((8, 1)))
 
 
-def test_new_faces_have_the_colour_of_most_faces(tmp_path: Path) -> None:
+def test_new_faces_have_the_colour_of_most_faces(tmp_path):
     colours = [[255, 0, 0], [255, 0, 0], [0, 255, 0], [0, 255, 255], [0, 0, 255]]  # red, though most have no red
     header = HEAD + "element face 5\nproperty list uchar int vertex_indices\n"
     header += "".join(f"property uchar {name}\n" for name in ("red", "green", "blue")) + "end_header\n"
@@ -187,7 +170,7 @@ STRIPS = {
 NUMPY = {"int": "i4", "char": "i1", "short": "i2", "uchar": "u1", "ushort": "u2", "uint": "u4"}
 
 
-def strips_ply(encoding: str, kind: str, strips: list[list[int]], faces: list[list[int]], newline: str = "\n") -> bytes:
+def strips_ply(encoding, kind, strips, faces, newline="\n"):
     head, data = ply(encoding, CUBE_POINTS, faces, newline=newline).split(b"end_header" + newline.encode())
     declared = [f"element tristrips {len(strips)}", f"property list int {kind} vertex_indices", "end_header", ""]
     order = ">" if encoding == "binary_big_endian" else "<"
@@ -202,7 +185,7 @@ def strips_ply(encoding: str, kind: str, strips: list[list[int]], faces: list[li
 @pytest.mark.parametrize("encoding", FORMATS)
 @pytest.mark.parametrize("kind", list(STRIPS))
 @pytest.mark.parametrize("faces", [[], [[0, 4, 1]]], ids=["alone", "with faces"])
-def test_triangle_strips_are_faces(tmp_path: Path, encoding: str, kind: str, faces: list[list[int]]) -> None:
+def test_triangle_strips_are_faces(tmp_path, encoding, kind, faces):
     strips, triangles = STRIPS[kind]
     file = parsed(strips_ply(encoding, kind, strips, faces, "\r\n" if kind == "short" else "\n"))
     assert file.polygons.rows() == faces + triangles

@@ -1,7 +1,4 @@
-from __future__ import annotations
-
 from collections import Counter
-from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -13,16 +10,16 @@ from spinor_geom.adapters.polygon_faces import Polygons, chained, close_seams, s
 from spinor_geom.mesh.topology import boundary_edges
 
 
-def polygons(*faces: list[int]) -> Polygons:
+def polygons(*faces):
     return Polygons.of_sizes(np.concatenate(faces), np.array([len(face) for face in faces]))
 
 
-def area_vectors(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+def area_vectors(vertices, faces):
     a, b, c = np.moveaxis(vertices[faces], 1, 0)
     return np.cross(b - a, c - a) / 2
 
 
-def test_quad_with_reflex_corner_is_split_along_its_inner_diagonal() -> None:
+def test_quad_with_reflex_corner_is_split_along_its_inner_diagonal():
     arrow = np.array([[0.0, 0, 0], [4, -2, 0], [1, 0, 0], [4, 2, 0]])  # reflex at vertex 2: only 0–2 lies inside
     for turn in range(4):
         corners = np.roll(np.arange(4), turn).tolist()
@@ -31,7 +28,7 @@ def test_quad_with_reflex_corner_is_split_along_its_inner_diagonal() -> None:
         assert all({0, 2} <= set(triangle) for triangle in triangles.tolist())
 
 
-def test_fan_of_a_star_shaped_polygon_starts_at_a_vertex_that_sees_all_others() -> None:
+def test_fan_of_a_star_shaped_polygon_starts_at_a_vertex_that_sees_all_others():
     # an L: only fans from the reflex corner (1, 1) and from (0, 0) stay inside
     points = np.array([[2.0, 0, 0], [2, 1, 0], [1, 1, 0], [1, 2, 0], [0, 2, 0], [0, 0, 0]])
     triangles, _ = polygons(list(range(6))).triangulated(points)
@@ -40,7 +37,7 @@ def test_fan_of_a_star_shaped_polygon_starts_at_a_vertex_that_sees_all_others() 
 
 
 @given(st.lists(st.integers(3, 40), min_size=1, max_size=8), st.integers(0, 2**32 - 1))
-def test_triangles_have_the_boundary_and_order_of_their_polygons(sizes: list[int], seed: int) -> None:
+def test_triangles_have_the_boundary_and_order_of_their_polygons(sizes, seed):
     random = np.random.default_rng(seed)
     vertices = random.normal(size=(sum(sizes), 3))
     corners = random.permutation(len(vertices))
@@ -66,7 +63,7 @@ def test_triangles_have_the_boundary_and_order_of_their_polygons(sizes: list[int
         ([[0, 1], [1, 0]], [[0, 1, 0]]),
     ],
 )
-def test_polylines_are_chained(pieces: list[list[int]], curves: list[list[int]]) -> None:
+def test_polylines_are_chained(pieces, curves):
     found = [curve for _, curve in chained([np.array(piece) for piece in pieces])]
     assert [curve.tolist() for curve in found] == curves
 
@@ -98,16 +95,14 @@ THREE = np.concatenate([SPLIT, SPLIT[[1, 0]], [[0, 0, 1.0]]])
         (THREE, range(9), [*SIDES, [6, 7, 8]], range(9)),
     ],
 )
-def test_seams_join_two_edges_that_differ_in_attributes_only(
-    points: np.ndarray, uv: Sequence[float] | None, faces: list[list[int]], expected: Sequence[int]
-) -> None:
+def test_seams_join_two_edges_that_differ_in_attributes_only(points, uv, faces, expected):
     attributes = [] if uv is None else [np.array(uv, dtype=float)[:, None]]
     assert seam_representatives(points, polygons(*faces), attributes).tolist() == list(expected)
 
 
 @given(st.lists(st.lists(st.integers(0, 9), min_size=2, max_size=4), min_size=1, max_size=12))
-def test_chaining_keeps_every_segment_and_ends_only_at_junctions(pieces: list[list[int]]) -> None:
-    def segments(curves: list[list[int]]) -> list[list[int]]:
+def test_chaining_keeps_every_segment_and_ends_only_at_junctions(pieces):
+    def segments(curves):
         return sorted(sorted(pair) for curve in curves for pair in pairwise(curve))
 
     curves = [curve.tolist() for _, curve in chained([np.array(piece) for piece in pieces])]
@@ -116,7 +111,7 @@ def test_chaining_keeps_every_segment_and_ends_only_at_junctions(pieces: list[li
     assert all(ends[end] != 2 for curve in curves if curve[0] != curve[-1] for end in (curve[0], curve[-1]))
 
 
-def test_sliver_at_a_pole_is_left_out_and_a_broken_face_is_not() -> None:
+def test_sliver_at_a_pole_is_left_out_and_a_broken_face_is_not():
     faces = np.array([[0, 1, 2], [0, 3, 1], [1, 1, 2]])
     closed, kept = close_seams(faces, np.array([0, 1, 2, 0]))
     assert closed.tolist() == [[0, 1, 2], [1, 1, 2]]

@@ -1,10 +1,7 @@
 """Every format gives back the mesh that was written, or refuses it; what single precision changes is told."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -27,7 +24,7 @@ ROUNDED = pytest.mark.parametrize("suffix", SINGLE)
 UTM = np.array([500000.0, 5000000.0, 120.0])
 
 
-def mesh_at(folder: Path, offset: np.ndarray, scale: float = 1.0, *, single: bool = False) -> MeshFile:
+def mesh_at(folder, offset, scale=1.0, *, single=False):
     """A tube as a file, in single precision if asked for."""
     vertices, faces = tube()
     vertices = vertices * scale + offset
@@ -38,7 +35,7 @@ def mesh_at(folder: Path, offset: np.ndarray, scale: float = 1.0, *, single: boo
     return read_mesh(path)
 
 
-def edge_change(before: np.ndarray, after: np.ndarray) -> float:
+def edge_change(before, after):
     """The largest relative change of an edge of faces, given by their corners (F, 3, 3)."""
     edges, changed = (corners - np.roll(corners, 1, axis=1) for corners in (before, after))
     return float((np.linalg.norm(changed - edges, axis=2) / np.linalg.norm(edges, axis=2)).max())
@@ -46,9 +43,7 @@ def edge_change(before: np.ndarray, after: np.ndarray) -> float:
 
 @pytest.mark.parametrize("suffix", list(FORMATS))
 @given(ratio=st.floats(0, 12), direction=st.integers(0, 6), size=st.integers(-6, 6))
-def test_every_writer_keeps_the_mesh_or_refuses_it(
-    tmp_path_factory: pytest.TempPathFactory, suffix: str, ratio: float, direction: int, size: int
-) -> None:
+def test_every_writer_keeps_the_mesh_or_refuses_it(tmp_path_factory, suffix, ratio, direction, size):
     folder, scale = tmp_path_factory.mktemp("far"), 10.0**size
     offset = np.array([direction & 1, direction >> 1 & 1, direction >> 2 & 1]) * scale * 10**ratio
     file = mesh_at(folder, offset, scale)
@@ -68,9 +63,7 @@ def test_every_writer_keeps_the_mesh_or_refuses_it(
     assert all("relative to" in note for note in notes)
 
 
-def test_a_glb_file_far_from_the_origin_has_an_offset_that_every_reader_adds(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_glb_file_far_from_the_origin_has_an_offset_that_every_reader_adds(tmp_path, capsys):
     mesh_at(tmp_path, UTM)
     path, report = tmp_path / "filled.glb", tmp_path / "report.json"
     assert main(["fill", str(tmp_path / "tube.obj"), "-o", str(path), "--report", str(report)]) == 0
@@ -93,7 +86,7 @@ def test_a_glb_file_far_from_the_origin_has_an_offset_that_every_reader_adds(
 
 
 @ROUNDED
-def test_vertices_too_near_or_coordinates_too_small_for_floats_are_refused(tmp_path: Path, suffix: str) -> None:
+def test_vertices_too_near_or_coordinates_too_small_for_floats_are_refused(tmp_path, suffix):
     file = mesh_at(tmp_path, np.zeros(3))
     near = np.array(file.mesh.vertices)
     near[1] = near[0] + [1e-12, 0, 0]
@@ -104,7 +97,7 @@ def test_vertices_too_near_or_coordinates_too_small_for_floats_are_refused(tmp_p
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".vtk", ".glb"])
-def test_new_vertices_that_the_numbers_of_the_file_cannot_hold_are_refused(tmp_path: Path, suffix: str) -> None:
+def test_new_vertices_that_the_numbers_of_the_file_cannot_hold_are_refused(tmp_path, suffix):
     vertices, faces = tube()
     held = pyvista.PolyData.from_regular_faces((vertices + np.array([2.0**22, 0, 0])).astype(np.float32), faces)
     held.save(tmp_path / "tube.vtk")

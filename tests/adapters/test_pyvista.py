@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import pyvista
@@ -11,15 +9,15 @@ from tests.fill.shapes import tube
 OPEN_QUADS = CUBE_QUADS[:-1]
 
 
-def poly_data(vertices: np.ndarray, faces: np.ndarray) -> pyvista.PolyData:
+def poly_data(vertices, faces):
     return pyvista.PolyData.from_regular_faces(vertices, faces)
 
 
-def polygons_in(mesh: pyvista.DataSet) -> list[list[int]]:
+def polygons_in(mesh):
     return [mesh.get_cell(k).point_ids for k in range(mesh.n_cells)]
 
 
-def test_points_and_lines_beside_the_faces_stay_with_their_data() -> None:
+def test_points_and_lines_beside_the_faces_stay_with_their_data():
     quads, lines = [4, 0, 1, 3, 2, 4, 4, 6, 7, 5], [2, 0, 4, 3, 0, 4, 5]
     cube = pyvista.PolyData(CUBE_POINTS, faces=quads, lines=lines, verts=[1, 6])
     cube.cell_data["part"] = [7, 8, 8, 1, 2]  # VTK's order: points, lines, faces
@@ -33,7 +31,7 @@ def test_points_and_lines_beside_the_faces_stay_with_their_data() -> None:
     assert polygons_in(extend(mixed, lid()))[:5] == polygons_in(mixed)
 
 
-def test_names_tell_normals_colours_texture_and_labels() -> None:
+def test_names_tell_normals_colours_texture_and_labels():
     cube = poly_data(CUBE_POINTS, OPEN_QUADS)
     cube.point_data["color"] = np.arange(8.0)
     cube.point_data["scan"] = np.full((8, 4), 200, dtype=np.uint8)
@@ -48,7 +46,7 @@ def test_names_tell_normals_colours_texture_and_labels() -> None:
     assert closed.active_texture_coordinates[8].tolist() == [0.5, 0.5]
 
 
-def test_a_mesh_of_pyvista_s_has_the_fill_as_a_method() -> None:
+def test_a_mesh_of_pyvista_s_has_the_fill_as_a_method():
     if not hasattr(pyvista, "register_dataset_accessor"):
         pytest.skip("this PyVista has no accessors")
     import spinor_geom.fill.pyvista_accessor  # noqa: F401  (an installed package is found by its entry point)

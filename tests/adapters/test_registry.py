@@ -14,7 +14,7 @@ import trimesh
 
 from spinor_geom.adapters import extend, known_types, register, to_mesh
 from spinor_geom.errors import UnknownMeshTypeError
-from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from tests.adapters.shapes import lid, open_cube
 
 ROOT = Path(__file__).parents[2]
@@ -31,7 +31,7 @@ ROOT = Path(__file__).parents[2]
         ((np.zeros((3, 3)), torch.zeros((1, 3))), r"tuple of 2 \(numpy.ndarray, torch.Tensor\)"),
     ],
 )
-def test_unknown_type_error_lists_the_known_ones(thing: object, message: str) -> None:
+def test_unknown_type_error_lists_the_known_ones(thing, message):
     with pytest.raises(UnknownMeshTypeError, match=message) as caught:
         to_mesh(thing)
     assert all(name in str(caught.value) for name in ("trimesh.Scene", "numpy", "torch", ".obj"))
@@ -51,12 +51,12 @@ def test_unknown_type_error_lists_the_known_ones(thing: object, message: str) ->
         (trimesh.PointCloud(np.eye(3)), "reconstruct faces first"),
     ],
 )
-def test_errors_name_the_cure_for_types_that_are_nearly_supported(thing: object, cure: str) -> None:
+def test_errors_name_the_cure_for_types_that_are_nearly_supported(thing, cure):
     with pytest.raises(UnknownMeshTypeError, match=cure):
         to_mesh(thing)
 
 
-def test_registered_adapter_serves_its_type_and_subclasses() -> None:
+def test_registered_adapter_serves_its_type_and_subclasses():
     @dataclass
     class Cloth:
         points: np.ndarray
@@ -69,10 +69,10 @@ def test_registered_adapter_serves_its_type_and_subclasses() -> None:
         name = "Cloth"
         types = (f"{Cloth.__module__.partition('.')[0]}.{Cloth.__qualname__}",)
 
-        def to_mesh(self, obj: Cloth) -> TriangleMesh:
+        def to_mesh(self, obj):
             return TriangleMesh(obj.points, obj.triangles)
 
-        def extend(self, obj: Cloth, extension: MeshExtension) -> Cloth:
+        def extend(self, obj, extension):
             points = np.concatenate([obj.points, extension.vertices])
             return type(obj)(points, np.concatenate([obj.triangles, extension.faces]))
 
@@ -84,7 +84,7 @@ def test_registered_adapter_serves_its_type_and_subclasses() -> None:
     assert "Cloth" in known_types()
 
 
-def test_import_and_lookup_import_no_optional_library() -> None:
+def test_import_and_lookup_import_no_optional_library():
     program = (
         "import conftest, sys, numpy as np\n"
         "from spinor_geom.adapters import read_mesh, to_mesh, to_rims\n"

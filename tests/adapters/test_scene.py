@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import trimesh
@@ -20,12 +18,12 @@ PLACED = trimesh.transformations.concatenate_matrices(
 MIRRORED = np.diag([-1.0, 1.0, 1.0, 1.0]) @ trimesh.transformations.translation_matrix([0, 9, 0])
 
 
-def part(**options: object) -> trimesh.Trimesh:
+def part(**options):
     return trimesh.Trimesh(*tube(), process=False, **options)
 
 
 @pytest.fixture
-def scene() -> trimesh.Scene:
+def scene():
     scene = trimesh.Scene()
     colors = np.full((48, 4), 255, dtype=np.uint8)
     colors[:, 0] = 40
@@ -36,7 +34,7 @@ def scene() -> trimesh.Scene:
     return scene
 
 
-def test_every_geometry_has_its_scene_coordinates(scene: trimesh.Scene) -> None:
+def test_every_geometry_has_its_scene_coordinates(scene):
     mesh = to_mesh(scene)
     vertices, faces = tube()
     for k, transform in enumerate((PLACED, MIRRORED)):
@@ -50,7 +48,7 @@ def test_every_geometry_has_its_scene_coordinates(scene: trimesh.Scene) -> None:
     assert mesh.vertex_attributes["heat"][:48].max() == 0
 
 
-def test_each_geometry_is_filled_and_all_else_stays(scene: trimesh.Scene) -> None:
+def test_each_geometry_is_filled_and_all_else_stays(scene):
     filled, report = fill_hole(scene, return_report=True)
     assert type(filled) is trimesh.Scene
     assert report.watertight
@@ -74,7 +72,7 @@ def test_each_geometry_is_filled_and_all_else_stays(scene: trimesh.Scene) -> Non
     np.testing.assert_allclose(filled.geometry["hot"].bounds, scene.geometry["hot"].bounds, atol=1e-6)
 
 
-def test_a_geometry_shown_twice_is_filled_once() -> None:
+def test_a_geometry_shown_twice_is_filled_once():
     scene = trimesh.Scene()
     scene.add_geometry(part(), geom_name="one", node_name="first", transform=PLACED)
     scene.graph.update("second", matrix=MIRRORED, geometry="one")
@@ -84,7 +82,7 @@ def test_a_geometry_shown_twice_is_filled_once() -> None:
     assert filled.geometry["one"].is_watertight
 
 
-def test_normals_are_unit_and_turn_with_their_geometry() -> None:
+def test_normals_are_unit_and_turn_with_their_geometry():
     scene = trimesh.Scene()
     geometry = part()
     outwards = geometry.vertex_normals.copy()
@@ -100,7 +98,7 @@ def test_normals_are_unit_and_turn_with_their_geometry() -> None:
     np.testing.assert_allclose(filled.geometry["one"].vertex_normals[:48], outwards)
 
 
-def test_attributes_of_one_name_and_another_kind_are_distinguished() -> None:
+def test_attributes_of_one_name_and_another_kind_are_distinguished():
     scene = trimesh.Scene()
     for name, values in (("a", np.arange(48)), ("b", np.zeros((48, 2))), ("c", np.ones(48, dtype=int))):
         scene.add_geometry(part(vertex_attributes={"heat": values}), geom_name=name)
@@ -112,7 +110,7 @@ def test_attributes_of_one_name_and_another_kind_are_distinguished() -> None:
     assert grown.geometry["b"].vertex_attributes["heat"].shape == (48, 2)
 
 
-def test_faces_that_join_two_geometries_are_refused(scene: trimesh.Scene) -> None:
+def test_faces_that_join_two_geometries_are_refused(scene):
     with pytest.raises(MeshShapeError, match=r"'red' and 'hot' of the scene; give scene.to_mesh\(\)"):
         extend(scene, extension([], [0, 1, 60]))
     with pytest.raises(VertexIndexError):
@@ -121,7 +119,7 @@ def test_faces_that_join_two_geometries_are_refused(scene: trimesh.Scene) -> Non
         extend(scene, lid())
 
 
-def test_a_scene_without_meshes_has_no_faces() -> None:
+def test_a_scene_without_meshes_has_no_faces():
     points = trimesh.Scene([trimesh.PointCloud(np.eye(3))])
     assert len(to_mesh(points).faces) == 0
     assert list(extend(points, nothing()).geometry) == list(points.geometry)

@@ -1,7 +1,3 @@
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 import trimesh
@@ -16,13 +12,13 @@ from tests.adapters.shapes import extension, is_closed, lid, open_cube, reading
 parsed, _ = reading(read_stl, ".stl")
 
 
-def cube_stl(encoding: str) -> bytes:
+def cube_stl(encoding):
     data = trimesh.Trimesh(*open_cube(), process=False).export(file_type="stl_ascii" if encoding == "text" else "stl")
     return data.encode() if isinstance(data, str) else data
 
 
 @pytest.mark.parametrize("encoding", ["text", "binary"])
-def test_soup_is_kept_and_merging_makes_it_a_surface(tmp_path: Path, encoding: str) -> None:
+def test_soup_is_kept_and_merging_makes_it_a_surface(tmp_path, encoding):
     soup = parsed(cube_stl(encoding))
     vertices, faces = open_cube()
     assert np.array_equal(soup.mesh.vertices, vertices[faces].reshape(-1, 3))
@@ -42,7 +38,7 @@ def test_soup_is_kept_and_merging_makes_it_a_surface(tmp_path: Path, encoding: s
 
 
 @given(st.integers(0, 2**32 - 1), st.booleans())
-def test_round_trip_is_bit_exact(seed: int, text: bool) -> None:
+def test_round_trip_is_bit_exact(seed, text):
     random = np.random.default_rng(seed)
     corners = random.normal(size=(5, 3, 3)).astype(np.float64 if text else np.float32)
     words = "".join(
@@ -60,6 +56,6 @@ def test_round_trip_is_bit_exact(seed: int, text: bool) -> None:
     assert read_stl(encode_stl(contents)).vertices.tobytes() == contents.vertices.tobytes()
 
 
-def test_triangle_without_area_gets_a_zero_normal() -> None:
+def test_triangle_without_area_gets_a_zero_normal():
     contents = read_stl(b"solid\nfacet normal 0 0 0\nouter loop\n" + b"vertex 1 1 1\n" * 3 + b"endloop\nendfacet\n")
     assert b"facet normal 0.0 0.0 0.0" in encode_stl(contents)

@@ -8,9 +8,6 @@ import shutil
 import struct
 import warnings
 import zlib
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -33,8 +30,8 @@ ICOSAHEDRON = trimesh.creation.icosphere(subdivisions=1)
 ICO = ICOSAHEDRON.faces.tolist()
 
 
-def png(width: int = 1, height: int = 1) -> bytes:
-    def chunk(kind: bytes, data: bytes) -> bytes:
+def png(width=1, height=1):
+    def chunk(kind, data):
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
     rows = zlib.compress(b"\0\xff\0\0")
@@ -42,7 +39,7 @@ def png(width: int = 1, height: int = 1) -> bytes:
     return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", rows) + chunk(b"IEND", b"")
 
 
-def textured(folder: Path, *, library: str = "skin.mtl", image: str = "maps/skin.png") -> Path:
+def textured(folder, *, library="skin.mtl", image="maps/skin.png"):
     """An open cube with a material library and an image in a folder below."""
     (folder / "maps").mkdir(parents=True)
     (folder / "maps" / "skin.png").write_bytes(png())
@@ -51,7 +48,7 @@ def textured(folder: Path, *, library: str = "skin.mtl", image: str = "maps/skin
     return folder / "cube.obj"
 
 
-def test_files_are_copied_beside_the_output(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_files_are_copied_beside_the_output(tmp_path, capsys):
     source, out = textured(tmp_path / "in"), tmp_path / "out"
     assert main(["fill", str(source), "-o", str(out / "filled.obj")]) == 0
     assert (out / "skin.mtl").read_bytes() == (source.parent / "skin.mtl").read_bytes()
@@ -64,7 +61,7 @@ def test_files_are_copied_beside_the_output(tmp_path: Path, capsys: pytest.Captu
 
 
 @pytest.mark.parametrize("path", [(".glb", ".obj"), (".ply", ".glb"), (".glb", ".ply", ".obj")])
-def test_texture_seams_go_through_formats(path: tuple[str, ...], tmp_path: Path) -> None:
+def test_texture_seams_go_through_formats(path, tmp_path):
     rng = np.random.default_rng(3)
     corners = [[(v, uv) for v, uv in zip(face, rng.random((3, 2)).round(4), strict=True)] for face in ICO[:-1]]
     source = textured(tmp_path / "in", library='"skin.mtl"', image='"maps/the skin.png"')
@@ -95,7 +92,7 @@ def test_texture_seams_go_through_formats(path: tuple[str, ...], tmp_path: Path)
         assert image is None or image.read_bytes() == png()
 
 
-def test_what_is_lost_is_told(tmp_path: Path) -> None:
+def test_what_is_lost_is_told(tmp_path):
     mesh = read_mesh(textured(tmp_path / "in"))
     for suffix in (".stl", ".off"):
         assert any("textures are left out" in note for note in mesh.write(tmp_path / f"mesh{suffix}"))
@@ -121,7 +118,7 @@ def test_what_is_lost_is_told(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_what_materials_have_besides_an_image_is_told(library: str, lost: str | None, tmp_path: Path) -> None:
+def test_what_materials_have_besides_an_image_is_told(library, lost, tmp_path):
     source = textured(tmp_path / "in")
     source.write_text(source.read_text().replace("usemtl skin\n", ""))
     (source.parent / "skin.mtl").write_text(library)
@@ -133,7 +130,7 @@ def test_what_materials_have_besides_an_image_is_told(library: str, lost: str | 
     assert read_mesh(source).write(tmp_path / "same.obj")[1:] == ()
 
 
-def test_materials_that_the_mesh_does_not_use_do_not_count(tmp_path: Path) -> None:
+def test_materials_that_the_mesh_does_not_use_do_not_count(tmp_path):
     source = textured(tmp_path / "in")
     (source.parent / "other.png").write_bytes(png(2, 2))
     text = (source.parent / "skin.mtl").read_text()
@@ -145,13 +142,13 @@ def test_materials_that_the_mesh_does_not_use_do_not_count(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("quote", ["", '"'])
-def test_names_with_spaces_follow_options(quote: str, tmp_path: Path) -> None:
+def test_names_with_spaces_follow_options(quote, tmp_path):
     source = textured(tmp_path / "in", image=f"-s 1 1.5e0 1 -clamp on -mm 0 1 {quote}maps/my skin.png{quote}")
     (source.parent / "maps" / "skin.png").rename(source.parent / "maps" / "my skin.png")
     assert read_mesh(source).textured(8) is not None
 
 
-def test_new_faces_have_the_material_of_the_nearest_old_ones(tmp_path: Path) -> None:
+def test_new_faces_have_the_material_of_the_nearest_old_ones(tmp_path):
     t = 2 * np.pi * np.arange(12) / 12
     rings = [f"v {np.cos(a):.4f} {np.sin(a):.4f} {z}\n" for z in range(3) for a in t]
     uses = ["usemtl 50% below\n", "usemtl above\n"]
@@ -178,7 +175,7 @@ def test_new_faces_have_the_material_of_the_nearest_old_ones(tmp_path: Path) -> 
 
 @pytest.mark.parametrize("suffix", [".obj", ".glb", ".ply"])
 @pytest.mark.parametrize("order", ["ascii", "binary_little_endian"])
-def test_texture_coordinates_of_faces_in_ply_files(suffix: str, order: str, tmp_path: Path) -> None:
+def test_texture_coordinates_of_faces_in_ply_files(suffix, order, tmp_path):
     (tmp_path / "skin.png").write_bytes(png())
     faces = ICO[:-1]
     uv = np.random.default_rng(4).integers(0, 64, (len(faces), 3, 2)) / 64
@@ -208,22 +205,22 @@ def test_texture_coordinates_of_faces_in_ply_files(suffix: str, order: str, tmp_
     assert read_mesh(tmp_path / "out" / f"filled{suffix}").textured(8) is not None
 
 
-def as_link(folder: Path) -> None:
+def as_link(folder):
     (folder / "skin.mtl").rename(folder.parent / "real.mtl")
     (folder / "skin.mtl").symlink_to(folder.parent / "real.mtl")
 
 
-def in_linked_folder(folder: Path) -> None:
+def in_linked_folder(folder):
     (folder / "maps").rename(folder.parent / "elsewhere")
     (folder / "maps").symlink_to(folder.parent / "elsewhere")
 
 
-def as_pipe(folder: Path) -> None:
+def as_pipe(folder):
     (folder / "maps" / "skin.png").unlink()
     os.mkfifo(folder / "maps" / "skin.png")
 
 
-def as_long_file(folder: Path) -> None:
+def as_long_file(folder):
     with (folder / "maps" / "skin.png").open("r+b") as file:
         file.truncate(textures.MOST_BYTES + 1)
 
@@ -248,9 +245,7 @@ def as_long_file(folder: Path) -> None:
         ("skin.mtl", "maps/skin.png", as_long_file, "MiB"),
     ],
 )
-def test_names_in_a_file_lead_nowhere_else(
-    library: str, image: str, spoil: Callable[[Path], None] | None, reason: str, tmp_path: Path
-) -> None:
+def test_names_in_a_file_lead_nowhere_else(library, image, spoil, reason, tmp_path):
     source, out = textured(tmp_path / "in", library=library, image=image), tmp_path / "out"
     out.mkdir()
     for name in ("secret.mtl", "secret.png"):
@@ -266,7 +261,7 @@ def test_names_in_a_file_lead_nowhere_else(
     assert {path.suffix for path in out.rglob("*") if path.is_file()} <= {".obj", ".mtl"}
 
 
-def test_names_are_followed_up_to_a_number_and_a_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_names_are_followed_up_to_a_number_and_a_size(tmp_path, monkeypatch):
     source, out = textured(tmp_path / "in"), tmp_path / "out"
     out.mkdir()
     names = [f"maps/{k}.png" for k in range(8)]
@@ -274,7 +269,7 @@ def test_names_are_followed_up_to_a_number_and_a_size(tmp_path: Path, monkeypatc
         (tmp_path / "in" / name).write_bytes(png())
     size = len(png())
 
-    def written(*, missing: int, bytes_of_images: int) -> tuple[tuple[str, ...], int]:
+    def written(*, missing, bytes_of_images):
         lines = [f"map_Ks maps/missing{k}.png" for k in range(missing)] + [f"map_Kd {name}" for name in names]
         library = "\n".join(lines)
         (tmp_path / "in" / "skin.mtl").write_text(library)
@@ -294,13 +289,13 @@ def test_names_are_followed_up_to_a_number_and_a_size(tmp_path: Path, monkeypatc
     assert f"more than {textures.MOST_FILES} files" in notes[-1]
 
 
-def test_a_library_of_many_materials_does_not_take_a_search_for_each(tmp_path: Path) -> None:
+def test_a_library_of_many_materials_does_not_take_a_search_for_each(tmp_path):
     (tmp_path / "a.mtl").write_text("".join(f"newmtl {k}\nmap_Kd a.png\n" for k in range(40_000)))
     appearance = textures.Appearance(names=("a.mtl",), materials=tuple(map(str, range(40_000, 80_000))))
     assert textures.Companions.of(tmp_path, appearance).texture is None  # took minutes
 
 
-def test_nothing_is_written_through_a_link_beside_the_output(tmp_path: Path) -> None:
+def test_nothing_is_written_through_a_link_beside_the_output(tmp_path):
     source, out, other = textured(tmp_path / "in"), tmp_path / "out", tmp_path / "other"
     out.mkdir()
     other.mkdir()
@@ -309,7 +304,7 @@ def test_nothing_is_written_through_a_link_beside_the_output(tmp_path: Path) -> 
     assert list(other.iterdir()) == []
 
 
-def test_no_image_and_images_that_would_fill_the_memory_are_not_shown() -> None:
+def test_no_image_and_images_that_would_fill_the_memory_are_not_shown():
     image = pytest.importorskip("PIL.Image")
     with io.BytesIO() as file:
         image.new("1", (10_000, 9_500)).save(file, "png")
@@ -329,9 +324,7 @@ def test_no_image_and_images_that_would_fill_the_memory_are_not_shown() -> None:
         (png(), "map_Kd skin.png\nnewmtl other\nmap_Kd skin.jpg", "only a single texture|skin.jpg"),
     ],
 )
-def test_a_texture_that_is_not_shown_is_told(
-    image: bytes | None, library: str, told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_texture_that_is_not_shown_is_told(image, library, told, tmp_path, capsys):
     both = CUBE.replace("f 3/3", "usemtl other\nf 3/3")
     (tmp_path / "cube.obj").write_text(f"mtllib skin.mtl\n{both}")
     (tmp_path / "skin.mtl").write_text(f"newmtl skin\n{library}\n")
@@ -347,14 +340,14 @@ def test_a_texture_that_is_not_shown_is_told(
     assert line.startswith("spinor-geom: the texture is not shown: ")
 
 
-def colours_of(skin: dict[str, Any]) -> np.ndarray:
+def colours_of(skin):
     """The colours at the corners of the first two triangles, of the nearest pixel."""
     height, width, _ = skin["image"].shape
     x, y = skin["skin"][:6].T
     return skin["image"][np.rint((1 - y) * (height - 1)).astype(int), np.rint(x * (width - 1)).astype(int)]
 
 
-def test_textures_of_objects_are_shown_as_those_of_files(tmp_path: Path) -> None:
+def test_textures_of_objects_are_shown_as_those_of_files(tmp_path):
     image = pytest.importorskip("PIL.Image")
     pixels = np.random.default_rng(3).integers(0, 256, (9, 9, 3), dtype=np.uint8)
     (tmp_path / "skin.mtl").write_text("newmtl skin\nmap_Kd skin.png\n")

@@ -1,10 +1,6 @@
 """3MF packages: their parts, builds, components and units."""
 
-from __future__ import annotations
-
 import zipfile
-from collections.abc import Mapping
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,31 +19,31 @@ ROOT = "3D/3dmodel.model"
 MOVED, TURNED = "1 0 0 0 1 0 0 0 1 5 0 0", "0 1 0 -1 0 0 0 0 1 0 0 7"
 
 
-def mesh_text(number: int, points: np.ndarray = TUBE[0], faces: np.ndarray = TUBE[1]) -> str:
+def mesh_text(number, points=TUBE[0], faces=TUBE[1]):
     rows = "".join(f'<vertex x="{x!r}" y="{y!r}" z="{z!r}"/>' for x, y, z in points.tolist())
     triangles = "".join(f'<triangle v1="{a}" v2="{b}" v3="{c}"/>' for a, b, c in faces.tolist())
     whole = f"<mesh><vertices>{rows}</vertices><triangles>{triangles}</triangles></mesh>"
     return f'<object id="{number}" type="model">{whole}</object>'
 
 
-def components(number: int, *parts: str) -> str:
+def components(number, *parts):
     inner = "".join(f"<component {part}/>" for part in parts)
     return f'<object id="{number}"><components>{inner}</components></object>'
 
 
-def model(resources: str, *items: str) -> str:
+def model(resources, *items):
     build = "".join(f"<item {item}/>" for item in items)
     return f'<model unit="millimeter"><resources>{resources}</resources><build>{build}</build></model>'
 
 
-def packed(path: Path, parts: Mapping[str, str | bytes], method: int = zipfile.ZIP_DEFLATED) -> Path:
+def packed(path, parts, method=zipfile.ZIP_DEFLATED):
     with zipfile.ZipFile(path, "w", method) as archive:
         for name, text in parts.items():
             archive.writestr(name, text)
     return path
 
 
-def test_a_3mf_file_is_filled_part_by_part(tmp_path: Path) -> None:
+def test_a_3mf_file_is_filled_part_by_part(tmp_path):
     scene = trimesh.Scene()
     for x in (0.0, 5.0):
         place = trimesh.transformations.translation_matrix([x, 0, 0])
@@ -72,7 +68,7 @@ def test_a_3mf_file_is_filled_part_by_part(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("size", [1 << 20, 1 << 25])
-def test_a_3mf_file_that_unpacks_to_far_more_than_it_is_is_refused(tmp_path: Path, size: int) -> None:
+def test_a_3mf_file_that_unpacks_to_far_more_than_it_is_is_refused(tmp_path, size):
     trimesh.creation.box().export(tmp_path / "bomb.3mf")
     with zipfile.ZipFile(tmp_path / "bomb.3mf", "a", zipfile.ZIP_DEFLATED) as packed:
         packed.writestr("3D/beside.bin", bytes(size))
@@ -84,7 +80,7 @@ def test_a_3mf_file_that_unpacks_to_far_more_than_it_is_is_refused(tmp_path: Pat
 
 
 @pytest.mark.parametrize(("unit", "metres"), list(METRES.items()))
-def test_3mf_keeps_its_unit_and_glb_is_in_metres(tmp_path: Path, unit: str, metres: float) -> None:
+def test_3mf_keeps_its_unit_and_glb_is_in_metres(tmp_path, unit, metres):
     package = model(mesh_text(1), 'objectid="1"').replace("millimeter", unit)
     file = read_mesh(packed(tmp_path / "tube.3mf", {ROOT: package}))
     assert file.contents.unit == unit
@@ -151,7 +147,7 @@ RELS = '<Relationships><Relationship Target="/3D/other.model" Id="a" Type="http:
         ({ROOT: model(mesh_text(1) + "<s:slicestack><s:vertex x='1' y='2'/></s:slicestack>", 'objectid="1"')}, 0, 1),
     ],
 )
-def test_parts_components_and_their_transforms(tmp_path: Path, parts: dict[str, str], x: float, count: int) -> None:
+def test_parts_components_and_their_transforms(tmp_path, parts, x, count):
     filled, report = fill_hole(packed(tmp_path / "parts.3mf", parts), return_report=True)
     assert len(report.loops) == 2 * count
     np.testing.assert_allclose(report.original.vertices[:48], TUBE[0] + [x, 0, 0], atol=1e-12)
@@ -163,7 +159,7 @@ def test_parts_components_and_their_transforms(tmp_path: Path, parts: dict[str, 
     assert np.array_equal(np.sort(other.bounds), np.sort([again.vertices.min(axis=0), again.vertices.max(axis=0)]))
 
 
-def test_a_bridge_between_two_meshes_is_written_with_copies_of_the_other_rim(tmp_path: Path) -> None:
+def test_a_bridge_between_two_meshes_is_written_with_copies_of_the_other_rim(tmp_path):
     pair = model(mesh_text(1), 'objectid="1"', 'objectid="1" transform="1 0 0 0 1 0 0 0 1 0 0 1.4"')
     path = packed(tmp_path / "pair.3mf", {ROOT: pair})
     loops = fill_hole(path, [], return_report=True)[1].loops
@@ -193,12 +189,12 @@ def test_a_bridge_between_two_meshes_is_written_with_copies_of_the_other_rim(tmp
         ({ROOT: '<?xml version="1.0" encoding="utf-7"?><model/>'}, "3dmodel.model: is not valid XML"),
     ],
 )
-def test_a_broken_package_is_an_error_with_part_and_place(tmp_path: Path, parts: dict[str, str], problem: str) -> None:
+def test_a_broken_package_is_an_error_with_part_and_place(tmp_path, parts, problem):
     with pytest.raises(MeshFileError, match=rf"broken\.3mf.*{problem}"):
         read_mesh(packed(tmp_path / "broken.3mf", parts))
 
 
-def test_damaged_bytes_inside_a_package_are_an_error(tmp_path: Path) -> None:
+def test_damaged_bytes_inside_a_package_are_an_error(tmp_path):
     path = packed(tmp_path / "broken.3mf", {ROOT: model(mesh_text(1), 'objectid="1"')})
     data = bytearray(path.read_bytes())
     data[200:260] = bytes(60)
@@ -210,13 +206,13 @@ def test_damaged_bytes_inside_a_package_are_an_error(tmp_path: Path) -> None:
         read_mesh(path)
 
 
-def test_a_reference_to_an_object_that_is_missing_is_told(tmp_path: Path) -> None:
+def test_a_reference_to_an_object_that_is_missing_is_told(tmp_path):
     path = packed(tmp_path / "part.3mf", {ROOT: model(mesh_text(1), 'objectid="1"', 'objectid="7"')})
     _, report = fill_hole(path, return_report=True)
     assert report.notes[0] == "object 7 of 3d/3dmodel.model does not exist, and is left out"
 
 
-def test_a_mesh_at_many_positions_is_written_once(tmp_path: Path) -> None:
+def test_a_mesh_at_many_positions_is_written_once(tmp_path):
     items = [f'objectid="1" transform="1 0 0 0 1 0 0 0 1 {5 * x} 0 0"' for x in range(40)]
     path = packed(tmp_path / "many.3mf", {ROOT: model(mesh_text(1), *items)})
     assert len(read_mesh(path).mesh.vertices) == 40 * 48

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import numpy as np
 import trimesh
 from trimesh.visual import TextureVisuals
@@ -9,11 +7,11 @@ from spinor_geom.mesh.topology import boundary_edges
 from tests.adapters.shapes import extension, is_closed, lid, lid_for, nothing, open_cube
 
 
-def plain(vertices: np.ndarray, faces: np.ndarray, **options: object) -> trimesh.Trimesh:
+def plain(vertices, faces, **options):
     return trimesh.Trimesh(vertices, faces, process=False, **options)
 
 
-def textured_tube(columns: int = 8) -> trimesh.Trimesh:
+def textured_tube(columns=8):
     """A tube open at both ends whose texture is cut along one line: the seam's vertices are there twice."""
     u = np.linspace(0, 1, columns + 1)
     angle = 2 * np.pi * (np.arange(columns + 1) % columns) / columns
@@ -26,7 +24,7 @@ def textured_tube(columns: int = 8) -> trimesh.Trimesh:
     return plain(vertices, faces, visual=TextureVisuals(uv=uv))
 
 
-def test_colors_are_in_their_own_scale_and_rounded() -> None:
+def test_colors_are_in_their_own_scale_and_rounded():
     colors = np.full((8, 4), 255, dtype=np.uint8)
     colors[0, 0] = 0
     cube = plain(*open_cube(), vertex_colors=colors)
@@ -37,7 +35,7 @@ def test_colors_are_in_their_own_scale_and_rounded() -> None:
     assert closed.visual.vertex_colors.dtype == np.uint8
 
 
-def test_texture_seam_is_no_boundary() -> None:
+def test_texture_seam_is_no_boundary():
     tube = textured_tube()
     mesh = to_mesh(tube)
     assert len(mesh.vertices) == len(tube.vertices)
@@ -52,7 +50,7 @@ def test_texture_seam_is_no_boundary() -> None:
     assert len(boundary_edges(to_mesh(grown).faces)) == 8
 
 
-def test_stored_normals_are_carried_and_rounded_trip() -> None:
+def test_stored_normals_are_carried_and_rounded_trip():
     cube = plain(*open_cube())
     cube.vertex_normals = (np.asarray(cube.vertices) - 0.5) / np.sqrt(0.75)
     mesh = to_mesh(cube)
@@ -65,7 +63,7 @@ def test_stored_normals_are_carried_and_rounded_trip() -> None:
     assert "vertex_normals" not in without._cache
 
 
-def test_truth_values_and_face_materials_are_carried() -> None:
+def test_truth_values_and_face_materials_are_carried():
     visual = TextureVisuals(uv=np.zeros((8, 2)), face_materials=np.array([0] * 7 + [1] * 3))
     cube = plain(*open_cube(), visual=visual, vertex_attributes={"rim": np.array([True] * 5 + [False] * 3)})
     closed = extend(cube, lid_for(to_mesh(cube)))
@@ -73,7 +71,7 @@ def test_truth_values_and_face_materials_are_carried() -> None:
     assert closed.visual.face_materials.tolist() == [0] * 7 + [1] * 3 + [0] * 4
 
 
-def test_attributes_that_clash_or_are_no_numbers() -> None:
+def test_attributes_that_clash_or_are_no_numbers():
     words, wave = np.array(list("abcdefgh")), np.ones(8) * 1j
     cube = plain(*open_cube(), vertex_attributes={"color": np.arange(8.0), "word": words, "wave": wave})
     mesh = to_mesh(cube)
@@ -84,7 +82,7 @@ def test_attributes_that_clash_or_are_no_numbers() -> None:
     assert closed.vertex_attributes["wave"][8] == 0
 
 
-def test_texture_with_colors_keeps_them() -> None:
+def test_texture_with_colors_keeps_them():
     visual = TextureVisuals(uv=np.zeros((8, 2)))
     visual.vertex_attributes["color"] = np.full((8, 4), 7, dtype=np.uint8)
     cube = plain(*open_cube(), visual=visual)
@@ -92,7 +90,7 @@ def test_texture_with_colors_keeps_them() -> None:
     assert np.array_equal(closed.visual.vertex_attributes["color"], np.full((9, 4), 7))
 
 
-def test_primitive_becomes_a_plain_trimesh() -> None:
+def test_primitive_becomes_a_plain_trimesh():
     box = trimesh.creation.box()
     assert is_closed(to_mesh(box))
     assert type(extend(trimesh.primitives.Box(), nothing())) is trimesh.Trimesh

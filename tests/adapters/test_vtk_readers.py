@@ -7,7 +7,6 @@ import struct
 import zlib
 from importlib import import_module
 from itertools import product
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,7 +22,7 @@ from spinor_geom.errors import MeshFileError
 VTK = import_module(pyvista.vtk_backend())
 
 
-def with_all_data(mesh: Any) -> Any:
+def with_all_data(mesh):
     """A mesh with arrays of all types, names and roles."""
     rng = np.random.default_rng(0)
     points, cells = mesh.n_points, mesh.n_cells
@@ -43,12 +42,12 @@ def with_all_data(mesh: Any) -> Any:
 
 
 @pytest.fixture(scope="module")
-def polygons() -> pyvista.PolyData:
+def polygons():
     ball = pyvista.Sphere(theta_resolution=6, phi_resolution=5)
     return with_all_data(pyvista.PolyData(ball.points, faces=ball.faces, lines=[3, 0, 1, 2, 2, 4, 5], verts=[1, 0]))
 
 
-def assert_equal(mesh: Any, wanted: Any) -> None:
+def assert_equal(mesh, wanted):
     assert type(mesh) is type(wanted)
     assert mesh.points.dtype == wanted.points.dtype
     assert np.array_equal(mesh.points, wanted.points)
@@ -66,9 +65,7 @@ def assert_equal(mesh: Any, wanted: Any) -> None:
 
 
 @pytest.mark.parametrize(("version", "is_binary", "is_grid"), [*product((42, 51), (False, True), (False, True))])
-def test_legacy_files_are_read_as_by_vtk(
-    tmp_path: Path, polygons: pyvista.PolyData, version: int, is_binary: bool, is_grid: bool
-) -> None:
+def test_legacy_files_are_read_as_by_vtk(tmp_path, polygons, version, is_binary, is_grid):
     writer: Any = VTK.vtkUnstructuredGridWriter() if is_grid else VTK.vtkPolyDataWriter()
     writer.SetInputData(polygons.cast_to_unstructured_grid() if is_grid else polygons)
     writer.SetFileVersion(version)
@@ -80,7 +77,7 @@ def test_legacy_files_are_read_as_by_vtk(
 
 @pytest.mark.parametrize("mode", ["Ascii", "Binary", "Appended", "Encoded"])
 @pytest.mark.parametrize("compressor", ["None", "ZLib", "LZ4", "LZMA"])
-def test_xml_files_are_read_as_by_vtk(tmp_path: Path, polygons: pyvista.PolyData, mode: str, compressor: str) -> None:
+def test_xml_files_are_read_as_by_vtk(tmp_path, polygons, mode, compressor):
     path = tmp_path / "mesh.vtp"
     for order, head, pieces in (("Big", 32, 1), ("Little", 64, 3)):
         writer: Any = VTK.vtkXMLPolyDataWriter()
@@ -132,7 +129,7 @@ LEGACY = {
 
 
 @pytest.mark.parametrize("name", LEGACY)
-def test_a_malformed_legacy_file_is_refused_by_its_section(tmp_path: Path, name: str) -> None:
+def test_a_malformed_legacy_file_is_refused_by_its_section(tmp_path, name):
     sections, words = LEGACY[name]
     path = tmp_path / "mesh.vtk"
     path.write_text(f"# vtk DataFile Version 3.0\nx\nASCII\nDATASET POLYDATA\n{sections}")
@@ -141,7 +138,7 @@ def test_a_malformed_legacy_file_is_refused_by_its_section(tmp_path: Path, name:
     assert words in str(raised.value)
 
 
-def xml_file(points: bytes, *, attributes: str = "", count: str = "3", before: str = "") -> str:
+def xml_file(points, *, attributes="", count="3", before=""):
     """A triangle with these encoded points."""
     arrays = (
         '<Polys><DataArray type="Int64" Name="connectivity" format="ascii">0 1 2</DataArray><DataArray type="Int64" '
@@ -153,7 +150,7 @@ def xml_file(points: bytes, *, attributes: str = "", count: str = "3", before: s
     return f"{start}{attributes}><PolyData>{piece}</PolyData></VTKFile>"
 
 
-def encoded(*head: int, rest: bytes = b"", packed: bytes = b"") -> bytes:
+def encoded(*head, rest=b"", packed=b""):
     return base64.b64encode(struct.pack(f"<{len(head)}Q", *head) + rest) + base64.b64encode(packed)
 
 
@@ -197,7 +194,7 @@ XML = {
 
 
 @pytest.mark.parametrize("name", XML)
-def test_a_malformed_xml_file_is_refused_by_its_array(tmp_path: Path, name: str) -> None:
+def test_a_malformed_xml_file_is_refused_by_its_array(tmp_path, name):
     text, words = XML[name]
     path = tmp_path / "mesh.vtp"
     path.write_text(text)

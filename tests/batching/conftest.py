@@ -1,9 +1,6 @@
 """Worker processes for the tests of batches: they find the package, and files with certain names make them fail."""
 
-from __future__ import annotations
-
 import os
-from collections.abc import Iterator
 
 import pytest
 
@@ -30,7 +27,7 @@ if "spinor_geom.batching.solver" in sys.orig_argv:
 
 
 @pytest.fixture(scope="session")
-def harmful_site(tmp_path_factory: pytest.TempPathFactory) -> str:
+def harmful_site(tmp_path_factory):
     """The value of PYTHONPATH for the worker processes."""
     folder = tmp_path_factory.mktemp("harm")
     (folder / "sitecustomize.py").write_text(HARM)
@@ -38,7 +35,7 @@ def harmful_site(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 @pytest.fixture(scope="module")
-def _found(harmful_site: str) -> Iterator[None]:
+def _found(harmful_site):
     """Processes find the package."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PYTHONPATH", harmful_site)

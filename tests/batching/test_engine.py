@@ -12,15 +12,12 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
-from typing import Any
 
 import psutil
 import pytest
 
-from spinor_geom import BatchProgress, BatchResult, batch
+from spinor_geom import batch
 from spinor_geom.batching.engine import MOST_BYTES, MOST_FILES, _blocks
 from spinor_geom.batching.inputs import Inputs, Source
 from spinor_geom.batching.settings import BatchOptions
@@ -38,7 +35,7 @@ pytestmark = pytest.mark.usefixtures("_found")
 
 
 @pytest.fixture(scope="module")
-def corpus(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def corpus(tmp_path_factory):
     """Files of all kinds, one of them broken; one kills the process that reads it first."""
     folder = tmp_path_factory.mktemp("corpus") / "in"
     write_curves(folder, CURVES, points=24)
@@ -51,11 +48,11 @@ def corpus(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def seen() -> list[BatchProgress]:
+def seen():
     return []
 
 
-def listening() -> set[tuple[int, int]]:
+def listening():
     """This process and its descendants, with the ports on which they listen."""
     driver = psutil.Process()
     return {
@@ -67,11 +64,11 @@ def listening() -> set[tuple[int, int]]:
 
 
 @pytest.fixture(scope="module")
-def reference(corpus: Path, seen: list[BatchProgress], tmp_path_factory: pytest.TempPathFactory) -> BatchResult:
+def reference(corpus, seen, tmp_path_factory):
     """A batch with one worker, which listens nowhere and ends its processes."""
     before = listening()
 
-    def look(now: BatchProgress) -> None:
+    def look(now):
         seen.append(now)
         if now.files == 10:
             assert solvers_below(os.getpid())
@@ -82,10 +79,10 @@ def reference(corpus: Path, seen: list[BatchProgress], tmp_path_factory: pytest.
     return result
 
 
-def started(*arguments: object, limit_file: int | None = None) -> subprocess.Popen[str]:
+def started(*arguments, limit_file=None):
     """The command line, in a new process."""
 
-    def limited() -> None:
+    def limited():
         import resource
 
         # whatever started the tests may ignore interrupts, as shells do for what runs in the background
@@ -106,25 +103,25 @@ def started(*arguments: object, limit_file: int | None = None) -> subprocess.Pop
     )
 
 
-def local_cluster(**options: Any) -> Any:
+def local_cluster(**options):
     from distributed import LocalCluster
 
     options = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": "127.0.0.1:0", **options}
     return LocalCluster(host="127.0.0.1", silence_logs=50, **options)
 
 
-def wait_until(condition: Callable[[], bool], seconds: float = 120.0) -> None:
+def wait_until(condition, seconds=120.0):
     deadline = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < deadline
         time.sleep(0.01)
 
 
-def records(output: Path) -> list[Path]:
+def records(output):
     return sorted((output / "files").rglob("record.json"))
 
 
-def solvers_below(pid: int) -> list[psutil.Process]:
+def solvers_below(pid):
     """The solver processes among the descendants of a process."""
     found = []
     for process in psutil.Process(pid).children(recursive=True):
@@ -134,11 +131,11 @@ def solvers_below(pid: int) -> list[psutil.Process]:
     return found
 
 
-def solvers_of(pid: int) -> list[psutil.Process]:
+def solvers_of(pid):
     """The solver processes of a driver, as soon as they exist."""
     solvers: list[psutil.Process] = []
 
-    def found() -> bool:
+    def found():
         solvers[:] = solvers_below(pid)
         return bool(solvers)
 
@@ -146,7 +143,7 @@ def solvers_of(pid: int) -> list[psutil.Process]:
     return solvers
 
 
-def test_a_batch_counts_what_it_did(reference: BatchResult, seen: list[BatchProgress]) -> None:
+def test_a_batch_counts_what_it_did(reference, seen):
     done = reference.progress
     assert not reference.complete
     assert (done.files, done.files_failed, done.loops, done.loops_failed) == (CURVES + 5, 2, CURVES + 3, 1)
@@ -155,7 +152,7 @@ def test_a_batch_counts_what_it_did(reference: BatchResult, seen: list[BatchProg
     assert seen[-1].files_total == CURVES + 5
 
 
-def test_the_table_has_a_row_for_each_loop(reference: BatchResult) -> None:
+def test_the_table_has_a_row_for_each_loop(reference):
     with reference.table.open(newline="") as file:
         rows = list(csv.DictReader(file))
     # a closed mesh and a broken file have no loops
@@ -170,7 +167,7 @@ def test_the_table_has_a_row_for_each_loop(reference: BatchResult) -> None:
     assert {row["source"] for row in rows if row["status"] == "failed"} == {"in/broken.obj", "in/open.obj"}
 
 
-def test_failures_are_in_the_log_and_on_the_page(reference: BatchResult) -> None:
+def test_failures_are_in_the_log_and_on_the_page(reference):
     lines = [line.split("\t") for line in reference.log.read_text().splitlines()]
     assert [line[:2] for line in lines] == [["failed", "in/broken.obj"], ["failed", "in/open.obj"]]
     assert "zero byte" in lines[0][2]
@@ -183,9 +180,7 @@ def test_failures_are_in_the_log_and_on_the_page(reference: BatchResult) -> None
 
 @pytest.mark.slow
 @signals
-def test_a_killed_driver_is_resumed_to_the_same_bytes(
-    reference: BatchResult, corpus: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_killed_driver_is_resumed_to_the_same_bytes(reference, corpus, tmp_path, capsys):
     output = tmp_path / "out"
     driver = started(corpus, "-o", output, "--workers", 1)
     solvers = solvers_of(driver.pid)
@@ -214,11 +209,11 @@ def test_a_killed_driver_is_resumed_to_the_same_bytes(
 
 
 @pytest.mark.slow
-def test_a_cluster_leaves_the_same_bytes(reference: BatchResult, corpus: Path, tmp_path: Path) -> None:
+def test_a_cluster_leaves_the_same_bytes(reference, corpus, tmp_path):
     with local_cluster() as cluster:
         killed = []
 
-        def kill_a_worker(now: BatchProgress) -> None:
+        def kill_a_worker(now):
             if now.files > 3 and not killed:
                 killed.append(psutil.Process(solvers_below(os.getpid())[0].ppid()))
                 killed[0].kill()
@@ -233,7 +228,7 @@ def test_a_cluster_leaves_the_same_bytes(reference: BatchResult, corpus: Path, t
 
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("openssl") is None, reason="makes a certificate")
-def test_a_cluster_with_tls_is_used_by_its_client_or_itself(tmp_path: Path) -> None:
+def test_a_cluster_with_tls_is_used_by_its_client_or_itself(tmp_path):
     from distributed import Client
     from distributed.security import Security
 
@@ -244,7 +239,7 @@ def test_a_cluster_with_tls_is_used_by_its_client_or_itself(tmp_path: Path) -> N
     files = {name: key if name.endswith("key") else certificate for name in names}
     security = Security(require_encryption=True, tls_ca_file=certificate, **files)
 
-    def works(scheduler: Any) -> bool:
+    def works(scheduler):
         with open_workers(None, scheduler, "token") as pool:
             return pool.executor.submit(int, "3").result() == 3
 
@@ -260,7 +255,7 @@ def test_a_cluster_with_tls_is_used_by_its_client_or_itself(tmp_path: Path) -> N
 
 @pytest.mark.slow
 @signals
-def test_files_that_may_not_grow_end_the_run(corpus: Path, tmp_path: Path) -> None:
+def test_files_that_may_not_grow_end_the_run(corpus, tmp_path):
     # as full disks do, where no disk can be mounted
     driver = started(corpus / "curve000.obj", "-o", tmp_path / "out", "--workers", 1, limit_file=1500)
     _, errors = driver.communicate(timeout=120)
@@ -272,7 +267,7 @@ def test_files_that_may_not_grow_end_the_run(corpus: Path, tmp_path: Path) -> No
 
 @pytest.mark.slow
 @signals
-def test_an_interrupt_ends_all_processes_with_one_sentence(corpus: Path, tmp_path: Path) -> None:
+def test_an_interrupt_ends_all_processes_with_one_sentence(corpus, tmp_path):
     output, many = tmp_path / "out", tmp_path / "in"
     many.mkdir()
     for number in range(200):  # so many that it is not done before it is interrupted
@@ -287,7 +282,7 @@ def test_an_interrupt_ends_all_processes_with_one_sentence(corpus: Path, tmp_pat
     assert not any(process.is_running() for process in solvers)
 
 
-def test_two_runs_exclude_each_other(corpus: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_two_runs_exclude_each_other(corpus, tmp_path, capsys):
     with opened_store(tmp_path / "out", BatchOptions(), resume=False):
         for more in ([], ["--resume"]):
             assert main(["batch", str(corpus), "-o", str(tmp_path / "out"), *more]) == 2
@@ -296,9 +291,7 @@ def test_two_runs_exclude_each_other(corpus: Path, tmp_path: Path, capsys: pytes
         pass
 
 
-def test_folders_that_hold_something_are_left_alone(
-    reference: BatchResult, corpus: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_folders_that_hold_something_are_left_alone(reference, corpus, tmp_path, capsys):
     output = str(reference.output)
     assert main(["batch", str(corpus), "-o", output]) == 2
     assert "already contains a batch" in capsys.readouterr().err
@@ -317,7 +310,7 @@ def test_folders_that_hold_something_are_left_alone(
     assert "no such file" in capsys.readouterr().err
 
 
-def test_faults_and_changed_files_are_done_again(corpus: Path, tmp_path: Path) -> None:
+def test_faults_and_changed_files_are_done_again(corpus, tmp_path):
     (path,) = write_curves(tmp_path / "in", 1)
     with opened_store(tmp_path / "out", BatchOptions(), resume=False) as store:
         source = Source(key="a", path=str(path), size=3, modified=4)
@@ -327,11 +320,11 @@ def test_faults_and_changed_files_are_done_again(corpus: Path, tmp_path: Path) -
             assert store.completed(Source(key="a", path=str(path), size=3, modified=5)) is None
 
 
-def of_threads(count: int) -> Workers:
+def of_threads(count):
     return Workers(executor=ThreadPoolExecutor(count), count=lambda: count)
 
 
-def test_a_million_inputs_are_taken_as_they_are_needed() -> None:
+def test_a_million_inputs_are_taken_as_they_are_needed():
     taken = itertools.count()
     endless = (Source(key=str(number), path="", size=100) for number in taken)
     blocks = list(itertools.islice(_blocks(endless, Counter(files_total=10**6), of_threads(2)), 50))
@@ -339,7 +332,7 @@ def test_a_million_inputs_are_taken_as_they_are_needed() -> None:
     assert next(taken) <= 50 * MOST_FILES + 1
 
 
-def test_the_last_files_are_shared_out_evenly() -> None:
+def test_the_last_files_are_shared_out_evenly():
     sources = [Source(key=str(number), path="", size=100) for number in range(40)]
     blocks = list(_blocks(iter(sources), Counter(files_total=40), of_threads(4)))
     assert [source for block in blocks for source in block] == sources
@@ -347,7 +340,7 @@ def test_the_last_files_are_shared_out_evenly() -> None:
     assert [len(block) for block in blocks[-4:]] == [1] * 4
 
 
-def test_large_files_stand_alone() -> None:
+def test_large_files_stand_alone():
     sizes = [100, MOST_BYTES + 1, MOST_BYTES + 1, 200, MOST_BYTES - 150, 30]
     sources = (Source(key=str(number), path="", size=size) for number, size in enumerate(sizes))
     found = [[source.size for source in block] for block in _blocks(sources, Counter(files_total=6), of_threads(1))]
@@ -355,7 +348,7 @@ def test_large_files_stand_alone() -> None:
     assert [size for block in found for size in block] == sizes
 
 
-def test_results_that_are_gone_are_made_again(tmp_path: Path) -> None:
+def test_results_that_are_gone_are_made_again(tmp_path):
     write_curves(tmp_path / "in", 1)
     (tmp_path / "in" / "roof.obj").write_bytes(holed_text().encode())
     solved([tmp_path / "in"], tmp_path / "out")

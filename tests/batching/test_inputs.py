@@ -1,7 +1,5 @@
 """Inputs: the files that they match, their order and their safe names, and archives that are refused."""
 
-from __future__ import annotations
-
 import bz2
 import gzip
 import io
@@ -12,7 +10,6 @@ import re
 import struct
 import tarfile
 import tracemalloc
-from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
 
@@ -32,24 +29,24 @@ LIMITS = Limits(seconds=30.0, memory=1 << 29, retries=0)
 PACKERS = {".tar": lambda data: data, ".tar.gz": gzip.compress, ".tbz2": bz2.compress, ".tar.xz": lzma.compress}
 
 
-def listed(given: Iterable[str]) -> Inputs:
+def listed(given):
     return Inputs(given, output="/nowhere", limits=LIMITS)
 
 
-def content(reader: ArchiveReader, source: Source) -> bytes:
+def content(reader, source):
     return reader.read(Path(source.path), Member(name=source.member, size=source.size, place=source.place))
 
 
-def keys(*given: object) -> list[str]:
+def keys(*given):
     return [source.key for source in listed(map(str, given))]
 
 
-def problem(given: object) -> str:
+def problem(given):
     (source,) = listed([str(given)])
     return source.problem
 
 
-def packed_tar(path: Path, entries: list[tuple[str, bytes] | tarfile.TarInfo]) -> Path:
+def packed_tar(path, entries):
     buffer = io.BytesIO()
     with tarfile.open(fileobj=buffer, mode="w") as archive:
         for entry in entries:
@@ -65,7 +62,7 @@ def packed_tar(path: Path, entries: list[tuple[str, bytes] | tarfile.TarInfo]) -
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path):
     root = tmp_path / "scans"
     for name in ("b.obj", "a.OBJ", "deep/er/c.obj", "deep/readme.txt", "deep/d.mtl"):
         (root / name).parent.mkdir(parents=True, exist_ok=True)
@@ -73,17 +70,17 @@ def folder(tmp_path: Path) -> Path:
     return root
 
 
-def test_folders_are_searched_in_order_with_all_below(folder: Path) -> None:
+def test_folders_are_searched_in_order_with_all_below(folder):
     assert keys(folder) == ["scans/a.OBJ", "scans/b.obj", "scans/deep/er/c.obj"]
     assert keys(folder / "b.obj") == ["b.obj"]
 
 
-def test_patterns_fit_files_at_any_depth(folder: Path) -> None:
+def test_patterns_fit_files_at_any_depth(folder):
     assert keys(folder / "*.obj") == ["scans/b.obj"]
     assert keys(folder / "**" / "*.obj") == ["scans/b.obj", "scans/deep/er/c.obj"]
 
 
-def test_inputs_that_are_named_as_others_are_numbered_have_different_keys(tmp_path: Path) -> None:
+def test_inputs_that_are_named_as_others_are_numbered_have_different_keys(tmp_path):
     for name in ("c1/scans", "c2/scans", "c3/scans~2", "c4/Scans"):
         (tmp_path / name).mkdir(parents=True)
         (tmp_path / name / "a.obj").write_text("")
@@ -93,7 +90,7 @@ def test_inputs_that_are_named_as_others_are_numbered_have_different_keys(tmp_pa
 
 @pytest.mark.parametrize("suffix", [".tar", ".zip"])
 @pytest.mark.filterwarnings("ignore:Duplicate name:UserWarning")  # from zipfile, for the duplicate written here
-def test_members_of_one_name_are_numbered(tmp_path: Path, suffix: str) -> None:
+def test_members_of_one_name_are_numbered(tmp_path, suffix):
     names = ["a.obj", "./a.obj", "b/c.obj", "a.obj", "A.obj", "b\\c.obj", "b//c.obj", "a.obj~2/d.obj", "a.obj%~2/d.obj"]
     path = tmp_path / f"p{suffix}"
     entries = [(name, f"v {number} 0 0\n".encode()) for number, name in enumerate(names)]
@@ -108,14 +105,14 @@ def test_members_of_one_name_are_numbered(tmp_path: Path, suffix: str) -> None:
 
 
 @pytest.mark.parametrize("given", ["nowhere", "nowhere/*.obj"])
-def test_inputs_that_do_not_exist_stop_the_batch(tmp_path: Path, given: str) -> None:
+def test_inputs_that_do_not_exist_stop_the_batch(tmp_path, given):
     with pytest.raises(BatchError, match="nowhere"):
         listed([str(tmp_path / given)])
     with pytest.raises(BatchError, match="no inputs"):
         listed([])
 
 
-def test_results_are_no_inputs(folder: Path) -> None:
+def test_results_are_no_inputs(folder):
     for pattern in (folder, folder / "**" / "*.obj"):
         found = [source.key for source in Inputs([str(pattern)], output=folder / "deep", limits=LIMITS)]
         assert not [key for key in found if "deep" in key]
@@ -124,7 +121,7 @@ def test_results_are_no_inputs(folder: Path) -> None:
         Inputs([str(folder)], output=folder, limits=LIMITS)
 
 
-def test_manifests_name_files_from_where_they_are(folder: Path) -> None:
+def test_manifests_name_files_from_where_they_are(folder):
     table = folder / "list.csv"
     table.write_text("\ufeffid,path\n1,b.obj\n2,deep/er/c.obj\n3,\n4,gone.obj\n5,b.obj\n", encoding="utf-8")
     lines = folder / "list.jsonl"
@@ -149,7 +146,7 @@ def test_manifests_name_files_from_where_they_are(folder: Path) -> None:
 
 
 @links
-def test_patterns_follow_no_loops_of_links(folder: Path) -> None:
+def test_patterns_follow_no_loops_of_links(folder):
     # two links: the ways through them double at each level
     (folder / "deep" / "up").symlink_to(folder)
     (folder / "deep" / "again").symlink_to(folder)
@@ -161,7 +158,7 @@ def test_patterns_follow_no_loops_of_links(folder: Path) -> None:
         listed([str(folder / "**" / "nothing.obj")])
 
 
-def test_patterns_leave_hidden_files_alone_unless_they_name_them(folder: Path) -> None:
+def test_patterns_leave_hidden_files_alone_unless_they_name_them(folder):
     (folder / ".cache").mkdir()
     for hidden in (folder / "._b.obj", folder / ".cache" / "e.obj"):
         hidden.write_text("")
@@ -177,13 +174,13 @@ def test_patterns_leave_hidden_files_alone_unless_they_name_them(folder: Path) -
         *(("a.jsonl", text) for text in ("{", "[" * 100_000, "\udcff")),
     ],
 )
-def test_broken_manifests_are_one_problem(tmp_path: Path, name: str, text: str) -> None:
+def test_broken_manifests_are_one_problem(tmp_path, name, text):
     (tmp_path / name).write_text(text, encoding="utf-8", errors="surrogateescape")
     assert "cannot be read as a manifest" in problem(tmp_path / name)
 
 
 @modes
-def test_what_is_no_regular_file_is_not_opened(folder: Path) -> None:
+def test_what_is_no_regular_file_is_not_opened(folder):
     os.mkfifo(folder / "e.obj")  # would wait for ever
     (folder / "f.obj").symlink_to("/etc/passwd")
     (folder / "g").symlink_to("/")
@@ -193,7 +190,7 @@ def test_what_is_no_regular_file_is_not_opened(folder: Path) -> None:
     assert not any(key.startswith("scans/g") for key in found)
 
 
-def test_inputs_without_mesh_files_are_an_error_that_counts_the_other_files(folder: Path, tmp_path: Path) -> None:
+def test_inputs_without_mesh_files_are_an_error_that_counts_the_other_files(folder, tmp_path):
     other = tmp_path / "photos"
     (other / "deep").mkdir(parents=True)
     for name in ("a.jpg", "b.JPG", "deep/c.jpg", "deep/notes.txt", "README"):
@@ -214,7 +211,7 @@ def test_inputs_without_mesh_files_are_an_error_that_counts_the_other_files(fold
 
 
 @pytest.mark.parametrize("suffix", [*PACKERS, ".zip"])
-def test_archives_are_read_member_by_member_in_any_order(tmp_path: Path, suffix: str) -> None:
+def test_archives_are_read_member_by_member_in_any_order(tmp_path, suffix):
     data = {f"set/{number}.obj": os.urandom(3000 * number) for number in range(5)}
     entries = [*data.items(), ("set/readme.txt", b"no mesh")]
     path = tmp_path / f"pack{suffix}"
@@ -228,7 +225,7 @@ def test_archives_are_read_member_by_member_in_any_order(tmp_path: Path, suffix:
     reader.close()
 
 
-def tar_entry(name: str, kind: bytes, target: str = "") -> tarfile.TarInfo:
+def tar_entry(name, kind, target=""):
     info = tarfile.TarInfo(name)
     info.type, info.linkname = kind, target
     return info
@@ -241,7 +238,7 @@ UNSAFE = ("../out.obj", "a/../../out.obj", "/etc/x.obj", "..\\out.obj", "C:\\x.o
 
 
 @pytest.mark.parametrize("suffix", [".tar.gz", ".zip"])
-def test_members_with_unsafe_names_have_safe_keys(tmp_path: Path, suffix: str) -> None:
+def test_members_with_unsafe_names_have_safe_keys(tmp_path, suffix):
     path = tmp_path / f"pack{suffix}"
     (packed_zip if suffix == ".zip" else packed_tar)(path, [GOOD, *((name, GOOD[1]) for name in UNSAFE)])
     found = list(listed([str(path)]))
@@ -253,14 +250,14 @@ def test_members_with_unsafe_names_have_safe_keys(tmp_path: Path, suffix: str) -
         assert content(ArchiveReader(), source) == GOOD[1]
 
 
-def test_links_and_devices_in_an_archive_are_a_problem_each(tmp_path: Path) -> None:
+def test_links_and_devices_in_an_archive_are_a_problem_each(tmp_path):
     kinds = (tarfile.SYMTYPE, tarfile.LNKTYPE, tarfile.FIFOTYPE, tarfile.CHRTYPE)
     bad = [tar_entry(f"{number}.obj", kind, "good.obj") for number, kind in enumerate(kinds)]
     found = list(listed([str(packed_tar(tmp_path / "pack.tar.gz", [*bad, GOOD]))]))
     assert ["a link, a device" in source.problem for source in found] == [True] * len(bad) + [False]
 
 
-def test_encrypted_members_of_an_archive_are_not_read(tmp_path: Path) -> None:
+def test_encrypted_members_of_an_archive_are_not_read(tmp_path):
     path = packed_zip(tmp_path / "b.zip", [GOOD])
     data = bytearray(path.read_bytes())
     for magic, flags in ((b"PK\x03\x04", 6), (b"PK\x01\x02", 8)):
@@ -272,7 +269,7 @@ def test_encrypted_members_of_an_archive_are_not_read(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("suffix", "parts"), [(".tar.gz", 1), (".tbz2", 10), (".tar.xz", 1), (".zip", 10)])
-def test_bombs_are_refused_before_they_unpack(tmp_path: Path, suffix: str, parts: int) -> None:
+def test_bombs_are_refused_before_they_unpack(tmp_path, suffix, parts):
     path = tmp_path / f"bomb{suffix}"
     bombs = [(f"bomb{number}.obj", bytes((20 << 20) // parts)) for number in range(parts)]
     (packed_zip if suffix == ".zip" else packed_tar)(path, [GOOD, *bombs])
@@ -289,7 +286,7 @@ def test_bombs_are_refused_before_they_unpack(tmp_path: Path, suffix: str, parts
 LETTERS = bytes.maketrans(b"0123456789", b"ghijklmnop")
 
 
-def pax_header(size: int, kind: bytes = tarfile.XHDTYPE, *, key: str = "comment") -> bytes:
+def pax_header(size, kind=tarfile.XHDTYPE, *, key="comment"):
     """A header of a tar archive with one entry, of a text that packs about a hundred times."""
     text = b"".join((b"%08x" % number).translate(LETTERS) * 125 for number in range(size // 1000))
     entry = b"%s=%s\n" % (key.encode(), text)
@@ -300,13 +297,13 @@ def pax_header(size: int, kind: bytes = tarfile.XHDTYPE, *, key: str = "comment"
     return data + bytes(-len(data) % tarfile.BLOCKSIZE)
 
 
-def good_tar() -> bytes:
+def good_tar():
     info = tarfile.TarInfo(GOOD[0])
     info.size = len(GOOD[1])
     return info.tobuf(tarfile.USTAR_FORMAT) + GOOD[1].ljust(512, b"\0") + bytes(1024)
 
 
-def test_headers_that_add_up_end_at_the_memory_limit(tmp_path: Path) -> None:
+def test_headers_that_add_up_end_at_the_memory_limit(tmp_path):
     # global headers hold for all that follows: tarfile keeps them
     path = tmp_path / "bomb.tar.gz"
     with gzip.open(path, "wb", compresslevel=6) as file:
@@ -319,14 +316,14 @@ def test_headers_that_add_up_end_at_the_memory_limit(tmp_path: Path) -> None:
     assert source.problem == f"{path}: its process used more than 100 MiB of memory; raise the limit, or split the file"
 
 
-def test_a_chain_of_headers_is_damage(tmp_path: Path) -> None:
+def test_a_chain_of_headers_is_damage(tmp_path):
     # tarfile calls itself for each
     path = tmp_path / "chain.tar"
     path.write_bytes(pax_header(1000) * 2000 + good_tar())
     assert "cannot be read as an archive" in problem(path)
 
 
-def test_a_damaged_header_is_not_the_end(tmp_path: Path) -> None:
+def test_a_damaged_header_is_not_the_end(tmp_path):
     path = packed_tar(tmp_path / "a.tar", [GOOD, GOOD, GOOD])
     data = bytearray(path.read_bytes())
     data[2 * tarfile.BLOCKSIZE] ^= 1
@@ -335,7 +332,7 @@ def test_a_damaged_header_is_not_the_end(tmp_path: Path) -> None:
     assert "a header is damaged" in problem(path)
 
 
-def test_a_zip_with_wrong_sizes_gives_no_more_than_the_stated_size(tmp_path: Path) -> None:
+def test_a_zip_with_wrong_sizes_gives_no_more_than_the_stated_size(tmp_path):
     path = packed_zip(tmp_path / "a.zip", [("a.obj", b"v 0 0 0\n" * 50_000)])
     data = bytearray(path.read_bytes())
     for magic, at in ((b"PK\x03\x04", 22), (b"PK\x01\x02", 24)):
@@ -347,7 +344,7 @@ def test_a_zip_with_wrong_sizes_gives_no_more_than_the_stated_size(tmp_path: Pat
 
 
 @pytest.mark.parametrize("suffix", [*PACKERS, ".zip"])
-def test_every_truncated_archive_is_a_problem(tmp_path: Path, suffix: str) -> None:
+def test_every_truncated_archive_is_a_problem(tmp_path, suffix):
     path = tmp_path / f"a{suffix}"
     (packed_zip if suffix == ".zip" else packed_tar)(path, [("a.obj", os.urandom(5000)), ("b.obj", os.urandom(5000))])
     data = path.read_bytes()
@@ -360,7 +357,7 @@ CHARACTERS = 'aA.~%2F \\:*?"<>|\0\n\r\x7f\u00e9\u0301\u2028\U0001f600'
 
 
 @given(st.lists(st.lists(st.text(CHARACTERS, min_size=1, max_size=8), min_size=1, max_size=4), min_size=2, max_size=6))
-def test_names_are_harmless_and_different_names_stay_different(names: list[list[str]]) -> None:
+def test_names_are_harmless_and_different_names_stay_different(names):
     # a part of an input's name has no separator
     plain = [[part.replace("/", "_") for part in parts] for parts in names]
     safe = [safe_name(parts) for parts in plain]

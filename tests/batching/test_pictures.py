@@ -1,18 +1,15 @@
 """Pictures and pages of the meshes of a batch."""
 
-from __future__ import annotations
-
 import html
 import os
 import re
 import shutil
-from pathlib import Path
 from urllib.parse import unquote
 
 import numpy as np
 import pytest
 
-from spinor_geom import BatchResult, batch
+from spinor_geom import batch
 from spinor_geom.adapters.mesh_files import write_triangles
 from spinor_geom.batching.pictures import PAGE, PICTURE, PROGRAM, SIZE
 from spinor_geom.errors import MissingPackageError
@@ -25,7 +22,7 @@ ODD = "x 'q' & <b>#?%é.obj"
 
 
 @pytest.fixture(scope="module")
-def corpus(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def corpus(tmp_path_factory):
     """Odd names, equal names, an archive, a broken file, a curve, a closed mesh and unused vertices that are NaN."""
     folder = tmp_path_factory.mktemp("corpus") / "in"
     for name in (ODD, "roof.obj", "sub/roof.obj"):
@@ -44,11 +41,11 @@ def corpus(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def drawn(corpus: Path, tmp_path_factory: pytest.TempPathFactory) -> BatchResult:
+def drawn(corpus, tmp_path_factory):
     return batch(corpus, tmp_path_factory.mktemp("drawn") / "out", pictures=True, workers=1)
 
 
-def test_each_filled_mesh_has_a_picture_that_links_to_its_page(drawn: BatchResult) -> None:
+def test_each_filled_mesh_has_a_picture_that_links_to_its_page(drawn):
     from PIL import Image
 
     text = drawn.page.read_text(encoding="utf-8")
@@ -66,7 +63,7 @@ def test_each_filled_mesh_has_a_picture_that_links_to_its_page(drawn: BatchResul
 
 
 @pytest.mark.slow
-def test_pages_of_meshes_open_from_that_of_the_batch(drawn: BatchResult) -> None:
+def test_pages_of_meshes_open_from_that_of_the_batch(drawn):
     with browser() as chromium, visit(chromium, drawn.page.as_uri()) as opened:
         links = opened.page.locator(".loops a").evaluate_all("(all) => all.map((one) => one.href)")
         opened.page.evaluate("for (const one of document.images) one.loading = 'eager'")
@@ -79,7 +76,7 @@ def test_pages_of_meshes_open_from_that_of_the_batch(drawn: BatchResult) -> None
 
 
 @pytest.mark.slow
-def test_a_resumed_batch_draws_only_what_is_missing(drawn: BatchResult, corpus: Path, tmp_path: Path) -> None:
+def test_a_resumed_batch_draws_only_what_is_missing(drawn, corpus, tmp_path):
     output = tmp_path / "out"
     shutil.copytree(drawn.output, output)
     lost = [output / "files" / "in" / "roof.obj" / PICTURE, output / "files" / "in" / "tube.stl" / PAGE]
@@ -95,7 +92,7 @@ def test_a_resumed_batch_draws_only_what_is_missing(drawn: BatchResult, corpus: 
     assert (output / PROGRAM).read_bytes() == (drawn.output / PROGRAM).read_bytes()
 
 
-def test_what_cannot_be_drawn_has_a_page(corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_cannot_be_drawn_has_a_page(corpus, tmp_path, monkeypatch):
     block = "import sys\nif 'spinor_geom.render.png' in sys.orig_argv: sys.modules['pyvista'] = None\n"
     (tmp_path / "sitecustomize.py").write_text(block)
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), os.environ["PYTHONPATH"]]))
@@ -110,7 +107,7 @@ def test_what_cannot_be_drawn_has_a_page(corpus: Path, tmp_path: Path, monkeypat
     assert re.search(r'<a href="files/roof.obj/page.html"><svg', text)
 
 
-def test_the_extra_is_asked_for_first(corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_extra_is_asked_for_first(corpus, tmp_path, monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None if name == "pyvista" else object())
     with pytest.raises(MissingPackageError, match="render"):
         batch(corpus, tmp_path / "out", pictures=True)

@@ -5,18 +5,15 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from spinor_geom import fill_hole, read_mesh
-from spinor_geom.adapters import MeshFile
 from spinor_geom.cli.main import main
 from spinor_geom.errors import SpinorGeomError
 from spinor_geom.files import MESH_SUFFIXES, json_text, printable
-from spinor_geom.fill.fill_result import FillResult
 from tests.batching.files import record, without_seconds
 from tests.batching.test_task import solved
 from tests.fill.shapes import circle, collar, cylinder, figure_eight, obj_text, soup, together, tube
@@ -24,18 +21,18 @@ from tests.fill.shapes import circle, collar, cylinder, figure_eight, obj_text, 
 Options = dict[str, Any]
 
 
-def as_obj(vertices: np.ndarray, faces: np.ndarray) -> bytes:
+def as_obj(vertices, faces):
     return obj_text(vertices, faces).encode()
 
 
-def ring_with_island() -> bytes:
+def ring_with_island():
     """A plane ring of triangles with a loose square in its hole."""
     square = np.array([[1, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]]) / 4
     ring = collar(circle(16), circle(16, height=1))
     return as_obj(*together(ring, (square, np.array([[0, 1, 2], [0, 2, 3]]))))
 
 
-def textured() -> bytes:
+def textured():
     """A tube with texture seams and a material."""
     text = as_obj(*cylinder(12, 3)).replace(b"f ", b"vt 0 0\nvt 1 0\nvt 0 1\nusemtl skin\nf ", 1)
     return b"mtllib skin.mtl\n" + re.sub(rb"f (\d+) (\d+) (\d+)", rb"f \1/1 \2/2 \3/3", text)
@@ -53,7 +50,7 @@ SHAPES: dict[str, Callable[[], bytes]] = {
 
 
 @pytest.fixture(scope="module")
-def shapes(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def shapes(tmp_path_factory):
     """Meshes with holes of special kinds, as OBJ, and those that can be filled in all formats."""
     folder = tmp_path_factory.mktemp("shapes")
     for name, content in SHAPES.items():
@@ -63,16 +60,14 @@ def shapes(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def filled(path: Path, options: Options) -> tuple[MeshFile, FillResult] | SpinorGeomError:
+def filled(path, options):
     try:
         return fill_hole(path, return_report=True, **options)
     except SpinorGeomError as error:
         return error
 
 
-def both_filled(
-    path: Path, output: Path, options: Options
-) -> tuple[int, tuple[MeshFile, FillResult] | SpinorGeomError]:
+def both_filled(path, output, options):
     """The exit status of `fill`, and the result of its call of `fill_hole`, or of a direct call if it made none."""
     named = {"edge_length": "target_edge_length"}
     own = {named.get(name, name): value for name, value in options.items() if name != "strict"}
@@ -80,7 +75,7 @@ def both_filled(
     own |= {name: [value] for name, value in own.items() if name == "bridge"}  # which may be repeated
     results = []
 
-    def recording(mesh: MeshFile, loop: Any, **given: Any) -> tuple[MeshFile, FillResult]:
+    def recording(mesh, loop, **given):
         assert own.items() <= {**given, "loop": loop, "merge": own.get("merge", False)}.items()
         results.append(fill_hole(mesh, loop, **given))
         return results[0]
@@ -92,7 +87,7 @@ def both_filled(
     return status, results[0] if results else filled(path, own)
 
 
-def command_line(options: Options) -> list[str]:
+def command_line(options):
     words = []
     for name, value in options.items():
         text = ",".join(map(str, value)) if isinstance(value, (list, tuple)) else str(value)
@@ -100,7 +95,7 @@ def command_line(options: Options) -> list[str]:
     return words
 
 
-def require_same(folder: Path, output: Path, capsys: pytest.CaptureFixture[str], options: Options) -> list[str]:
+def require_same(folder, output, capsys, options):
     """Checks all files of a folder, which are solved together; gives the statuses."""
     solved([folder], output / "batch", **options)
     statuses = []
@@ -153,14 +148,12 @@ OPTIONS: list[Options] = [
 
 
 @pytest.mark.parametrize("options", OPTIONS, ids=lambda options: ", ".join(options) or "none")
-def test_options_do_the_same_in_both(
-    shapes: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], options: Options
-) -> None:
+def test_options_do_the_same_in_both(shapes, tmp_path, capsys, options):
     statuses = require_same(shapes, tmp_path, capsys, options)
     assert len(statuses) == len(SHAPES)
 
 
-def test_all_formats_are_filled_as_by_fill(shapes: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_all_formats_are_filled_as_by_fill(shapes, tmp_path, capsys):
     folder = tmp_path / "formats"
     folder.mkdir()
     for suffix in MESH_SUFFIXES:

@@ -1,7 +1,5 @@
 """Small pictures as SVG."""
 
-from __future__ import annotations
-
 import xml.etree.ElementTree as ElementTree
 
 import numpy as np
@@ -14,7 +12,7 @@ CLOSED = SQUARE[[0, 1, 2, 3, 0]]
 
 
 @pytest.mark.parametrize("points", [CLOSED * 1e6, CLOSED[:, [2, 0, 1]], CLOSED[:, [1, 2, 0]] - 1e3])
-def test_a_curve_fills_the_picture(points: np.ndarray) -> None:
+def test_a_curve_fills_the_picture(points):
     (line,) = ElementTree.fromstring(thumbnail(points))
     numbers = np.array([pair.split(",") for pair in line.get("points", "").split()], dtype=float)
     assert numbers.shape == (5, 2)

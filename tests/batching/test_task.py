@@ -6,7 +6,6 @@ import errno
 import json
 import os
 import pickle
-from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -35,7 +34,7 @@ ROOT = Path(__file__).parents[2]
 LIMITS = Limits(seconds=30.0, memory=1 << 30, retries=2)
 
 
-def solved(given: list[Path], output: Path, *, together: int = 16, **options: Any) -> Events:
+def solved(given, output, *, together=16, **options):
     """Solves files in this process, in blocks of the given size."""
     chosen = BatchOptions(**options)
     events: Events = []
@@ -50,7 +49,7 @@ def solved(given: list[Path], output: Path, *, together: int = 16, **options: An
 
 
 @pytest.fixture
-def mixed(tmp_path: Path) -> Path:
+def mixed(tmp_path):
     folder = tmp_path / "in"
     write_curves(folder, 5)
     (folder / "roof.obj").write_bytes(holed_text().encode())
@@ -60,7 +59,7 @@ def mixed(tmp_path: Path) -> Path:
     return folder
 
 
-def test_results_do_not_depend_on_what_is_solved_together(mixed: Path, tmp_path: Path) -> None:
+def test_results_do_not_depend_on_what_is_solved_together(mixed, tmp_path):
     # the promise that a resumed run and a run on other workers leave the same bytes stands on this
     for together in (1, 3):
         solved([mixed], tmp_path / f"out{together}", together=together, what="surface")
@@ -71,7 +70,7 @@ def test_results_do_not_depend_on_what_is_solved_together(mixed: Path, tmp_path:
     assert results(tmp_path / "out3") == one
 
 
-def test_a_patch_has_the_loop_as_its_rim_and_the_surface_can_be_loaded(tmp_path: Path) -> None:
+def test_a_patch_has_the_loop_as_its_rim_and_the_surface_can_be_loaded(tmp_path):
     path = tmp_path / "ring.obj"
     path.write_text("o ring\n" + curve_text(circle(40)))
     solved([path], tmp_path / "out", what="surface")
@@ -94,7 +93,7 @@ def test_a_patch_has_the_loop_as_its_rim_and_the_surface_can_be_loaded(tmp_path:
     assert found["version"]
 
 
-def test_a_mesh_is_filled_and_keeps_its_own_bytes(tmp_path: Path) -> None:
+def test_a_mesh_is_filled_and_keeps_its_own_bytes(tmp_path):
     path = tmp_path / "roof.obj"
     path.write_bytes(holed_text().encode())
     solved([path], tmp_path / "out")
@@ -107,9 +106,7 @@ def test_a_mesh_is_filled_and_keeps_its_own_bytes(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("format", ["obj", "npz"])
-def test_loops_alone_are_written_without_being_solved(
-    mixed: Path, tmp_path: Path, format: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_loops_alone_are_written_without_being_solved(mixed, tmp_path, format, monkeypatch):
     monkeypatch.setattr("spinor_geom.plateau.problem.PlateauProblem.of", lambda *_: pytest.fail("a loop was solved"))
     solved([mixed], tmp_path / "out", what="loops", format=format)
     (first, second) = record(tmp_path / "out", "in/two.obj")["loops"]
@@ -124,7 +121,7 @@ def test_loops_alone_are_written_without_being_solved(
     np.testing.assert_array_equal(points, circle(30, 8) + 3)
 
 
-def test_holes_can_be_continued_and_curves_stay_minimal(tmp_path: Path) -> None:
+def test_holes_can_be_continued_and_curves_stay_minimal(tmp_path):
     vertices, faces = cylinder(16, 4)
     lines = "".join("f " + " ".join(map(str, face)) + "\n" for face in (faces + 1).tolist())
     path = tmp_path / "tube.obj"
@@ -139,7 +136,7 @@ def test_holes_can_be_continued_and_curves_stay_minimal(tmp_path: Path) -> None:
     assert curve["comparison"] is not None
 
 
-def broken_texts() -> Iterator[bytes]:
+def broken_texts():
     """Files that were cut off, damaged, or made to be hard to read."""
     random = np.random.default_rng(7)
     squiggle = (ROOT / "data" / "squiggle_on_sphere.obj").read_bytes()
@@ -178,7 +175,7 @@ def broken_texts() -> Iterator[bytes]:
 
 
 @pytest.mark.parametrize("what", ["fill", "loops"])
-def test_broken_files_fail_for_a_reason_and_alone(tmp_path: Path, what: str) -> None:
+def test_broken_files_fail_for_a_reason_and_alone(tmp_path, what):
     folder = tmp_path / "in"
     folder.mkdir()
     texts = list(broken_texts())
@@ -201,11 +198,11 @@ class Harm:
 
     folder: Path
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self):
         return os.mkdir, (str(self.folder),)
 
 
-def test_no_pickle_is_loaded(tmp_path: Path) -> None:
+def test_no_pickle_is_loaded(tmp_path):
     harm = Harm(tmp_path / "harm")
     for name in ("a.obj", "b.obj"):
         (tmp_path / name).write_bytes(pickle.dumps(harm))
@@ -219,7 +216,7 @@ def test_no_pickle_is_loaded(tmp_path: Path) -> None:
 
 
 @links
-def test_nothing_is_written_where_a_link_leads_out(tmp_path: Path) -> None:
+def test_nothing_is_written_where_a_link_leads_out(tmp_path):
     (path,) = write_curves(tmp_path / "in", 1)
     outside = tmp_path / "outside"
     outside.mkdir()
@@ -233,7 +230,7 @@ def test_nothing_is_written_where_a_link_leads_out(tmp_path: Path) -> None:
     assert list(outside.iterdir()) == []
 
 
-def test_a_run_that_lost_its_folder_writes_no_more(tmp_path: Path) -> None:
+def test_a_run_that_lost_its_folder_writes_no_more(tmp_path):
     (path,) = write_curves(tmp_path / "in", 1)
     options = BatchOptions()
     with opened_store(tmp_path / "out", options, resume=False) as old:
@@ -271,13 +268,13 @@ def test_a_run_that_lost_its_folder_writes_no_more(tmp_path: Path) -> None:
         {"memory_limit": -5},
     ],
 )
-def test_options_are_checked_before_anything_is_made(tmp_path: Path, wrong: dict[str, Any]) -> None:
+def test_options_are_checked_before_anything_is_made(tmp_path, wrong):
     with pytest.raises(OptionError):
         batch(write_curves(tmp_path / "in", 1), tmp_path / "out", **wrong)
     assert not (tmp_path / "out").exists()
 
 
-def test_arrays_are_written_as_npz(tmp_path: Path) -> None:
+def test_arrays_are_written_as_npz(tmp_path):
     (tmp_path / "roof.obj").write_bytes(holed_text().encode())
     solved([tmp_path / "roof.obj"], tmp_path / "out", format="npz")
     with np.load(tmp_path / "out" / "files" / "roof.obj" / "filled.npz", allow_pickle=False) as arrays:
@@ -287,11 +284,11 @@ def test_arrays_are_written_as_npz(tmp_path: Path) -> None:
 
 
 @pytest.fixture
-def process(harmful_site: str, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., dict[str, Any]]]:
+def process(harmful_site, monkeypatch):
     """Runs a block in a process of its own, as a worker does."""
     monkeypatch.setenv("PYTHONPATH", harmful_site)
 
-    def run(given: list[Path], output: Path, *, token: str | None = None, **changed: Any) -> dict[str, Any]:
+    def run(given, output, *, token=None, **changed):
         options = BatchOptions()
         with opened_store(output, options, resume=output.exists()) as store:
             job = {
@@ -307,7 +304,7 @@ def process(harmful_site: str, monkeypatch: pytest.MonkeyPatch) -> Iterator[Call
 
 
 @signals
-def test_a_crash_costs_only_the_file_that_causes_it(process: Callable[..., dict[str, Any]], tmp_path: Path) -> None:
+def test_a_crash_costs_only_the_file_that_causes_it(process, tmp_path):
     folder = tmp_path / "in"
     paths = write_curves(folder, 2)
     # a run that has to stop leaves the process ready for the next
@@ -323,9 +320,9 @@ def test_a_crash_costs_only_the_file_that_causes_it(process: Callable[..., dict[
     assert record(tmp_path / "out", "in/crash.obj")["reason"] == "its process died by SIGSEGV"
 
 
-def test_what_a_bundle_does_is_no_fault_of_the_last_file_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_a_bundle_does_is_no_fault_of_the_last_file_read(tmp_path, monkeypatch):
     class Solver:
-        def run(self, job: dict[str, Any], send: Callable[[dict[str, Any]], None], **limits: float) -> None:
+        def run(self, job, send, **limits):
             events: Events = []
             assert limits == {"seconds": 30.0, "memory": 1 << 30}
             if len(job["sources"]) == 1:
@@ -345,11 +342,11 @@ def test_what_a_bundle_does_is_no_fault_of_the_last_file_read(tmp_path: Path, mo
     assert [one["status"] for one in done["finished"]] == ["done"] * 3
 
 
-def test_a_file_that_cannot_be_read_now_is_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_that_cannot_be_read_now_is_tried_again(tmp_path, monkeypatch):
     (path,) = write_curves(tmp_path / "in", 1)
     packed = packed_zip(tmp_path / "a.zip", [("b.obj", path.read_bytes())])
 
-    def failing(*_: object) -> None:
+    def failing(*_):
         raise OSError(errno.EIO, os.strerror(errno.EIO))
 
     read_bytes = Path.read_bytes
@@ -365,7 +362,7 @@ def test_a_file_that_cannot_be_read_now_is_tried_again(tmp_path: Path, monkeypat
             assert store.completed(source) is None
 
 
-def test_results_that_cannot_be_written_fail_one_file_only(tmp_path: Path) -> None:
+def test_results_that_cannot_be_written_fail_one_file_only(tmp_path):
     paths = write_curves(tmp_path / "in", 3)
     with opened_store(tmp_path / "out", BatchOptions(), resume=False) as store:
         sources = list(Inputs(paths, output=tmp_path / "out", limits=LIMITS))
@@ -380,7 +377,7 @@ def test_results_that_cannot_be_written_fail_one_file_only(tmp_path: Path) -> No
     assert not [event for event in events if "stop" in event]
 
 
-def test_results_that_cannot_be_written_stop_the_batch(tmp_path: Path) -> None:
+def test_results_that_cannot_be_written_stop_the_batch(tmp_path):
     source = Source(key="a.obj", path="a.obj")
     with opened_store(tmp_path / "out", BatchOptions(), resume=False) as store:
         (tmp_path / "out" / STAGING).write_text("")  # no folder
@@ -388,16 +385,14 @@ def test_results_that_cannot_be_written_stop_the_batch(tmp_path: Path) -> None:
             store.commit(source, failure("a.obj", ""), {})
         (tmp_path / "out" / STAGING).unlink()
 
-        def full(_: Path) -> None:
+        def full(_):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
         with pytest.raises(BatchError, match="No space left on device"):
             store.commit(source, failure("a.obj", ""), {"a.obj": full})
 
 
-def test_a_process_that_cannot_start_stops_the_batch(
-    process: Callable[..., dict[str, Any]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_process_that_cannot_start_stops_the_batch(process, tmp_path, monkeypatch):
     (tmp_path / "sitecustomize.py").write_text("import sys\nsys.modules['scipy'] = None\n")
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), os.environ["PYTHONPATH"]]))
     done = process(write_curves(tmp_path / "in", 3), tmp_path / "out")
@@ -406,7 +401,7 @@ def test_a_process_that_cannot_start_stops_the_batch(
 
 
 @pytest.mark.parametrize("what", ["fill", "loops"])
-def test_lines_and_points_beside_faces_are_a_note(tmp_path: Path, what: str) -> None:
+def test_lines_and_points_beside_faces_are_a_note(tmp_path, what):
     stray = "p 1 2 3\nl 1 2 3\nl 4 5 4\n"
     (tmp_path / "stray.obj").write_bytes(holed_text().encode() + stray.encode())
     (tmp_path / "lines.obj").write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\n" + "l 1 2 3\n")

@@ -6,6 +6,6 @@ import pytest
 
 
 @pytest.fixture
-def importable(monkeypatch: pytest.MonkeyPatch) -> None:
+def importable(monkeypatch):
     """Puts this folder, with its sick.py, first on the path."""
     monkeypatch.syspath_prepend(str(Path(__file__).parent))

@@ -1,7 +1,5 @@
 """Frames of CAD edges: exact rims, figures of shapes over them, promises."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -12,7 +10,7 @@ from spinor_geom.mesh.curve import BoundaryCurve
 
 
 @pytest.mark.parametrize("name", FRAMES)
-def test_frames_are_exact(name: str) -> None:
+def test_frames_are_exact(name):
     pytest.importorskip("OCP")
     from spinor_geom.adapters import to_rims
 
@@ -25,7 +23,7 @@ def test_frames_are_exact(name: str) -> None:
     assert len(rim.corners) == loop.corners.sum()
 
 
-def test_figures_of_a_filling_are_those_of_a_plane_region() -> None:
+def test_figures_of_a_filling_are_those_of_a_plane_region():
     """Open CASCADE fills a plane frame by a plane."""
     pytest.importorskip("OCP")
     task = {"suite": "cad", "method": "occ-filling", "case": "plane-l", "n": None, "repeat": 0, "data": None}

@@ -10,7 +10,6 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -28,18 +27,18 @@ from tests.render.test_viewer import data_of
 from tests.systems import modes, undecodable
 
 
-def write_obj(path: Path, vertices: np.ndarray, faces: np.ndarray) -> Path:
+def write_obj(path, vertices, faces):
     path.write_text(obj_text(vertices, faces))
     return path
 
 
 @pytest.fixture
-def mesh_path(tmp_path: Path) -> Path:
+def mesh_path(tmp_path):
     return write_obj(tmp_path / "tube.obj", *tube())
 
 
 @pytest.fixture
-def spiked_path(tmp_path: Path) -> Path:
+def spiked_path(tmp_path):
     """The loop 0 is the hole that a spike pokes through, loop 1 the spike's own outline."""
     return write_obj(tmp_path / "spiked.obj", *spiked_tetrahedron())
 
@@ -47,18 +46,18 @@ def spiked_path(tmp_path: Path) -> Path:
 class Terminal(io.StringIO):
     """A stream whose `isatty` is true."""
 
-    def isatty(self) -> bool:
+    def isatty(self):
         return True
 
 
-def on_terminal(arguments: list[str]) -> tuple[int, str]:
+def on_terminal(arguments):
     """The exit status of a command on a terminal, and its output there."""
     with contextlib.redirect_stdout(Terminal()) as terminal:
         status = main(arguments)
     return status, terminal.getvalue()
 
 
-def test_fill_writes_a_mesh_and_a_report(mesh_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_fill_writes_a_mesh_and_a_report(mesh_path, tmp_path, capsys):
     output, report = tmp_path / "new" / "filled.ply", tmp_path / "new" / "report.json"
     assert main(["fill", str(mesh_path), "-o", str(output), "--report", str(report)]) == 0
     printed = capsys.readouterr()
@@ -81,7 +80,7 @@ def test_fill_writes_a_mesh_and_a_report(mesh_path: Path, tmp_path: Path, capsys
 
 
 @pytest.mark.parametrize("choice", [["--loop", "1"], ["--keep-largest"], ["--max-perimeter", "6"]])
-def test_a_choice_of_loops_leaves_others_open_with_status_0(mesh_path: Path, tmp_path: Path, choice: list[str]) -> None:
+def test_a_choice_of_loops_leaves_others_open_with_status_0(mesh_path, tmp_path, choice):
     output, report = tmp_path / "filled.obj", tmp_path / "report.json"
     assert main(["fill", str(mesh_path), "-o", str(output), "--report", str(report), *choice]) == 0
     (left,) = boundary_loops(output)
@@ -101,15 +100,13 @@ def test_a_choice_of_loops_leaves_others_open_with_status_0(mesh_path: Path, tmp
         (["--continuity", "Smooth", "--film", "1"], ["smooth", "minimal"]),
     ],
 )
-def test_each_has_its_continuity(mesh_path: Path, tmp_path: Path, options: list[str], kinds: list[str | None]) -> None:
+def test_each_has_its_continuity(mesh_path, tmp_path, options, kinds):
     report = tmp_path / "report.json"
     assert main(["fill", str(mesh_path), "-o", str(tmp_path / "f.obj"), "--report", str(report), *options]) == 0
     assert [loop["kind"] for loop in json.loads(report.read_text())["loops"]] == kinds
 
 
-def test_a_missed_tolerance_gives_status_1_if_strict(
-    mesh_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_missed_tolerance_gives_status_1_if_strict(mesh_path, tmp_path, capsys):
     output = tmp_path / "filled.obj"
     for strict in (False, True):
         arguments = ["fill", str(mesh_path), "-o", str(output), "--loop", "0", "--tolerance", "1e-16"]
@@ -120,7 +117,7 @@ def test_a_missed_tolerance_gives_status_1_if_strict(
         assert len(boundary_loops(output)) == 1
 
 
-def test_loops_left_open_give_status_1_and_borders_0(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_loops_left_open_give_status_1_and_borders_0(tmp_path, capsys):
     vertices, faces = tube()
     lone = write_obj(tmp_path / "lone.obj", np.vstack([vertices, np.eye(3) + 4]), np.vstack([faces, [48, 49, 50]]))
     assert main(["fill", str(lone), "-o", str(tmp_path / "filled.obj")]) == 1
@@ -134,9 +131,7 @@ def test_loops_left_open_give_status_1_and_borders_0(tmp_path: Path, capsys: pyt
     assert boundary_loops(tmp_path / "filled.obj") == []
 
 
-def test_a_patch_that_crosses_the_mesh_gives_status_1(
-    spiked_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_patch_that_crosses_the_mesh_gives_status_1(spiked_path, tmp_path, capsys):
     output, report = tmp_path / "filled.obj", tmp_path / "report.json"
     arguments = ["fill", str(spiked_path), "-o", str(output), "--loop", "0", "--report", str(report)]
     assert main(arguments) == 1
@@ -151,9 +146,7 @@ def test_a_patch_that_crosses_the_mesh_gives_status_1(
     assert entry["loops"][0]["mesh_intersections"] == 1
 
 
-def test_a_loop_that_crosses_itself_is_named_and_listed(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_loop_that_crosses_itself_is_named_and_listed(tmp_path, capsys, monkeypatch):
     path = write_obj(tmp_path / "eight.obj", *collar(figure_eight(16, 0.5), np.array([0, 0, 0.3])))
     assert main(["fill", str(path), "-o", str(tmp_path / "filled.obj")]) == 1
     printed = capsys.readouterr().err
@@ -173,7 +166,7 @@ def test_a_loop_that_crosses_itself_is_named_and_listed(
     assert (entry["crossings"], entry["all_crossings_counted"]) == (None, False)
 
 
-def test_crossings_that_were_not_all_counted_are_told_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_crossings_that_were_not_all_counted_are_told_so(tmp_path, capsys):
     points = np.random.default_rng(0).normal(size=(2000, 3)) * [1, 1, 0]
     path, page = tmp_path / "tangle.obj", tmp_path / "loops.html"
     lines = [f"v {x} {y} {z}\n" for x, y, z in points]
@@ -186,7 +179,7 @@ def test_crossings_that_were_not_all_counted_are_told_so(tmp_path: Path, capsys:
     assert (entry["crossings"] >= 100_000, entry["all_crossings_counted"]) == (True, False)
 
 
-def test_rims_and_islands_are_joined_on_request(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_rims_and_islands_are_joined_on_request(tmp_path, capsys):
     mesh = island()
     hole, piece = places(mesh, 1.0, 0.4)
     path = write_obj(tmp_path / "island.obj", *mesh)
@@ -203,7 +196,7 @@ def test_rims_and_islands_are_joined_on_request(tmp_path: Path, capsys: pytest.C
         assert message in capsys.readouterr().err
 
 
-def test_continuity_makes_smooth_patches_and_reports_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_continuity_makes_smooth_patches_and_reports_it(tmp_path, capsys):
     path, output, report = write_obj(tmp_path / "in.obj", *cylinder(16, 4)), tmp_path / "out.ply", tmp_path / "r.json"
     page = tmp_path / "page.html"
     arguments = ["fill", str(path), "-o", str(output), "--report", str(report), "--html", str(page), "--compare"]
@@ -221,7 +214,7 @@ def test_continuity_makes_smooth_patches_and_reports_it(tmp_path: Path, capsys: 
     assert "argument --continuity" in capsys.readouterr().err
 
 
-def test_merge_closes_a_soup(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_merge_closes_a_soup(tmp_path, capsys):
     path, output = str(write_obj(tmp_path / "soup.obj", *soup(tube()))), tmp_path / "filled.obj"
     assert main(["fill", path, "-o", str(output)]) == 2
     assert "--merge" in capsys.readouterr().err
@@ -241,7 +234,7 @@ MERGES = {
 
 @pytest.mark.parametrize("text", MERGES)
 @pytest.mark.parametrize("command", ["loops", "fill -o out.obj"])
-def test_merge_takes_numbers_only(command: str, text: str) -> False:
+def test_merge_takes_numbers_only(command, text):
     words = [*command.split(), *text.split()]
     if command != "loops":
         words = [word for word in words if word != "--json"]
@@ -252,15 +245,13 @@ def test_merge_takes_numbers_only(command: str, text: str) -> False:
 
 
 @pytest.mark.parametrize("folder", [".", "..", "2026.11.28"])
-def test_merge_takes_no_folder_of_dots_and_digits_for_a_number(folder: str) -> None:
+def test_merge_takes_no_folder_of_dots_and_digits_for_a_number(folder):
     arguments = build_parser().parse_args(["batch", "--merge", folder, "-o", "out"])
     assert (arguments.merge, arguments.inputs) == (True, [folder])
 
 
 @pytest.mark.parametrize(("columns", "continuity"), [(30, "C0"), (50, "C0"), (80, "C0"), (80, "C1")])
-def test_a_narrow_table_of_a_fill_has_whole_numbers(
-    columns: int, continuity: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_narrow_table_of_a_fill_has_whole_numbers(columns, continuity, tmp_path, monkeypatch):
     monkeypatch.setenv("COLUMNS", str(columns))
     vertices, faces = tube()
     far = write_obj(tmp_path / "far.obj", 1234.5 * vertices, faces)
@@ -275,7 +266,7 @@ def test_a_narrow_table_of_a_fill_has_whole_numbers(
         assert max(map(len, plain.splitlines())) <= 80
 
 
-def test_loops_piped_or_as_json_are_boundary_loops(mesh_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_loops_piped_or_as_json_are_boundary_loops(mesh_path, capsys):
     assert main(["loops", str(mesh_path)]) == 0
     header, *rows = capsys.readouterr().out.splitlines()
     assert header.split("\t")[:3] == ["loop", "points", "perimeter"]
@@ -287,7 +278,7 @@ def test_loops_piped_or_as_json_are_boundary_loops(mesh_path: Path, capsys: pyte
         assert entry["perimeter"] == loop.perimeter
 
 
-def test_borders_of_sheets_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_borders_of_sheets_are_named(tmp_path, capsys):
     path = write_obj(tmp_path / "sheet.obj", *plane_square(6))
     assert main(["loops", str(path)]) == 0
     assert "border of a sheet, left open unless named" in capsys.readouterr().out
@@ -295,7 +286,7 @@ def test_borders_of_sheets_are_named(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert [entry["border"] for entry in json.loads(capsys.readouterr().out)] == [True]
 
 
-def test_a_closed_mesh_has_no_loops(mesh_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_closed_mesh_has_no_loops(mesh_path, tmp_path, capsys):
     closed = tmp_path / "closed.obj"
     assert main(["fill", str(mesh_path), "-o", str(closed)]) == 0
     assert main(["loops", str(closed)]) == 0
@@ -304,9 +295,7 @@ def test_a_closed_mesh_has_no_loops(mesh_path: Path, tmp_path: Path, capsys: pyt
     assert (tmp_path / "again.obj").read_text() == closed.read_text()
 
 
-def test_the_table_is_coloured_where_the_terminal_has_colours(
-    mesh_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_table_is_coloured_where_the_terminal_has_colours(mesh_path, tmp_path, monkeypatch):
     monkeypatch.setenv("COLUMNS", "120")
     monkeypatch.setenv("TERM", "xterm-256color")
     for options, green, yellow in (([], 2, 0), (["--tolerance", "1e-16"], 0, 2), (["--loop", "1"], 1, 0)):
@@ -317,13 +306,13 @@ def test_the_table_is_coloured_where_the_terminal_has_colours(
     assert "\x1b[32m" not in on_terminal(["fill", str(mesh_path), "-o", str(tmp_path / "filled.obj")])[1]
 
 
-def test_cells_are_no_markup() -> None:
+def test_cells_are_no_markup():
     with contextlib.redirect_stdout(Terminal()) as terminal:
         console.show_table(["remark"], [["[red]a[/red]"]], piped=True)
     assert "[red]a[/red]" in terminal.getvalue()
 
 
-def test_progress_is_drawn_on_a_terminal_only(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_progress_is_drawn_on_a_terminal_only(monkeypatch):
     monkeypatch.setenv("TERM", "xterm")
     for stream, drawn in ((Terminal(), True), (io.StringIO(), False)):
         with contextlib.redirect_stderr(stream), console.progress("filling") as bar:
@@ -335,14 +324,14 @@ def test_progress_is_drawn_on_a_terminal_only(monkeypatch: pytest.MonkeyPatch) -
 PROGRAM = "import sys; from spinor_geom.cli.main import main; sys.exit(main(sys.argv[1:]))"
 
 
-def run_alone(*arguments: str | Path, stdout: int) -> subprocess.CompletedProcess[str]:
+def run_alone(*arguments, stdout):
     """Runs a command in a new process."""
     command = [sys.executable, "-c", PROGRAM, *map(str, arguments)]
     return subprocess.run(command, stdout=stdout, stderr=subprocess.PIPE, text=True, timeout=120, check=False)
 
 
 @pytest.mark.parametrize("command", ["loops", "--help"])
-def test_a_reader_that_stops_early_is_no_error(command: str, mesh_path: Path) -> None:
+def test_a_reader_that_stops_early_is_no_error(command, mesh_path):
     reading, writing = os.pipe()
     os.close(reading)
     done = run_alone(command, *[mesh_path][: command == "loops"], stdout=writing)
@@ -353,14 +342,14 @@ def test_a_reader_that_stops_early_is_no_error(command: str, mesh_path: Path) ->
 class Refusing(io.StringIO):
     """Standard output to which nothing can be written. Its descriptor is that of a file."""
 
-    def __init__(self, code: int, descriptor: int) -> None:
+    def __init__(self, code, descriptor):
         super().__init__()
         self.code, self.descriptor = code, descriptor
 
-    def write(self, text: str) -> int:
+    def write(self, text):
         raise OSError(self.code, os.strerror(self.code))
 
-    def fileno(self) -> int:
+    def fileno(self):
         return self.descriptor
 
 
@@ -372,15 +361,7 @@ class Refusing(io.StringIO):
         (errno.ENOSPC, 2, "standard output: No space left"),
     ],
 )
-def test_output_that_is_not_taken_costs_no_file(
-    code: int,
-    status: int,
-    message: str,
-    spiked_path: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_output_that_is_not_taken_costs_no_file(code, status, message, spiked_path, tmp_path, monkeypatch, capsys):
     files = [tmp_path / name for name in ("f.obj", "r.json", "p.html")]
     filled = ["fill", str(spiked_path), "-o", str(files[0]), "--loop", "0", "--compare"]
     filled += ["--report", str(files[1]), "--html", str(files[2])]
@@ -395,9 +376,7 @@ def test_output_that_is_not_taken_costs_no_file(
 
 @modes
 @pytest.mark.parametrize("command", ["fill", "loops"])
-def test_streams_that_the_shell_closed_are_no_error_and_no_file_gets_the_output(
-    command: str, mesh_path: Path, tmp_path: Path
-) -> None:
+def test_streams_that_the_shell_closed_are_no_error_and_no_file_gets_the_output(command, mesh_path, tmp_path):
     filled = tmp_path / "filled.obj"
     arguments = {"fill": ["fill", mesh_path, "-o", filled, "--quiet"], "loops": ["loops", mesh_path]}[command]
     shell = ["sh", "-c", '"$@" <&- >&-', "sh", sys.executable, "-c", PROGRAM, *map(str, arguments)]
@@ -408,8 +387,8 @@ def test_streams_that_the_shell_closed_are_no_error_and_no_file_gets_the_output(
 
 @undecodable
 def test_names_that_are_no_text_and_terminals_without_our_characters_show_question_marks(
-    mesh_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    mesh_path, tmp_path, monkeypatch
+):
     for name in ("stdout", "stderr"):
         monkeypatch.setattr(sys, name, io.TextIOWrapper(io.BytesIO(), encoding="ascii"))
     with pytest.raises(SystemExit, match="0"):
@@ -423,10 +402,8 @@ def test_names_that_are_no_text_and_terminals_without_our_characters_show_questi
 
 
 @pytest.mark.parametrize("message", ["", "Unable to allocate 24.0 GiB"])
-def test_too_little_memory_is_one_sentence_and_status_2(
-    mesh_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, message: str
-) -> None:
-    def fails(*_: object, **__: object) -> None:
+def test_too_little_memory_is_one_sentence_and_status_2(mesh_path, capsys, monkeypatch, message):
+    def fails(*_, **__):
         raise MemoryError(message)
 
     monkeypatch.setattr("spinor_geom.cli.loops.Filling", fails)
@@ -438,12 +415,12 @@ SIZES = {"512M": 512 << 20, "4GiB": 4 << 30, "1.5g": 3 << 29, "700kb": 700 << 10
 
 
 @pytest.mark.parametrize(("text", "size"), SIZES.items())
-def test_sizes_may_have_units(text: str, size: int) -> None:
+def test_sizes_may_have_units(text, size):
     arguments = build_parser().parse_args(["batch", "a.obj", "-o", "out", "--memory-limit", text])
     assert arguments.memory_limit == size
 
 
-def test_compare_prints_and_writes_a_page(mesh_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_compare_prints_and_writes_a_page(mesh_path, tmp_path, capsys):
     page = tmp_path / "new" / "comparison.html"
     assert main(["compare", str(mesh_path), "--json", "-o", str(page)]) == 0
     figures = json.loads(capsys.readouterr().out)
@@ -454,7 +431,7 @@ def test_compare_prints_and_writes_a_page(mesh_path: Path, tmp_path: Path, capsy
     assert "distance to the exact surface" in json.dumps(data_of(text)["views"])
 
 
-def test_compare_takes_a_mesh_of_a_loop(mesh_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_compare_takes_a_mesh_of_a_loop(mesh_path, tmp_path, capsys):
     mine = write_obj(tmp_path / "mine.obj", *spokes(boundary_loops(mesh_path)[1].points))
     command = ["compare", str(mesh_path), "--with", str(mine)]
     assert main([*command, "--loop", "1"]) == 0
@@ -476,7 +453,7 @@ def test_compare_takes_a_mesh_of_a_loop(mesh_path: Path, tmp_path: Path, capsys:
         (["fill", "in.obj", "-o", "out.obj", "--islands", "joined"], "join"),
     ],
 )
-def test_a_near_option_is_suggested(line: list[str], meant: str | None, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_near_option_is_suggested(line, meant, capsys):
     with pytest.raises(SystemExit) as ended:
         main(line)
     assert ended.value.code == 2
@@ -493,15 +470,13 @@ def test_a_near_option_is_suggested(line: list[str], meant: str | None, capsys: 
     ],
 )
 @pytest.mark.usefixtures("drawn_by_one_process")
-def test_an_interrupted_fill_changes_none_of_its_files(
-    mesh_path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, writer: str, error: BaseException
-) -> None:
+def test_an_interrupted_fill_changes_none_of_its_files(mesh_path, tmp_path, monkeypatch, writer, error):
     pytest.importorskip("pyvista")
     outputs = {"-o": "out.obj", "--report": "out.json", "--picture": "out.png", "--html": "out.html"}
     for name in list(outputs.values())[::2]:
         (tmp_path / name).write_text("old")
 
-    def failing(*_: object) -> None:
+    def failing(*_):
         raise error
 
     module, name = writer.split(".")
@@ -514,9 +489,7 @@ def test_an_interrupted_fill_changes_none_of_its_files(
     assert left == {"out.obj": b"old", "out.png": b"old"}
 
 
-def test_links_in_a_circle_are_one_sentence_as_input_and_replaced_as_output(
-    mesh_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_links_in_a_circle_are_one_sentence_as_input_and_replaced_as_output(mesh_path, tmp_path, capsys):
     link = tmp_path / "circle.obj"
     link.symlink_to(link)
     assert main(["fill", str(link), "-o", str(tmp_path / "out.obj")]) == 2
@@ -537,9 +510,7 @@ def test_links_in_a_circle_are_one_sentence_as_input_and_replaced_as_output(
         ("batch", "list.csv", "out"),
     ],
 )
-def test_pipes_without_a_writer_and_devices_are_refused_at_once(
-    command: str, name: str, output: str, tmp_path: Path
-) -> None:
+def test_pipes_without_a_writer_and_devices_are_refused_at_once(command, name, output, tmp_path):
     os.mkfifo(tmp_path / name)
     (tmp_path / "device").mkdir()
     os.symlink("/dev/zero", tmp_path / "device" / name)
@@ -555,7 +526,7 @@ def test_pipes_without_a_writer_and_devices_are_refused_at_once(
             assert "not a regular file" in done.stderr
 
 
-def test_a_terminated_fill_leaves_no_temporary_files(mesh_path: Path, tmp_path: Path) -> None:
+def test_a_terminated_fill_leaves_no_temporary_files(mesh_path, tmp_path):
     (tmp_path / "out.obj").write_text("old")
     program = """if True:
         import os, signal, sys
@@ -572,7 +543,7 @@ def test_a_terminated_fill_leaves_no_temporary_files(mesh_path: Path, tmp_path: 
 
 
 @pytest.mark.parametrize("loops", [2, 22])
-def test_many_loops_are_counts_and_exceptions(loops: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_many_loops_are_counts_and_exceptions(loops, tmp_path, capsys):
     vertices, faces = tube()
     copies = loops // 2
     many = np.concatenate([vertices + np.array([10 * k, 0, 0]) for k in range(copies)])
@@ -583,7 +554,7 @@ def test_many_loops_are_counts_and_exceptions(loops: int, tmp_path: Path, capsys
     assert len(listed) == (loops if loops <= 20 else 0)
 
 
-def test_warnings_that_differ_by_numbers_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_warnings_that_differ_by_numbers_are_one_line(tmp_path, capsys):
     vertices, faces = tube()
     faces[0] = faces[0, ::-1]  # at one end
     tubes = np.concatenate([vertices + np.array([10 * k, 0, 0]) for k in range(12)])
@@ -602,13 +573,11 @@ def test_warnings_that_differ_by_numbers_are_one_line(tmp_path: Path, capsys: py
     assert sum("opposite orientation" in note for note in notes) == 12
 
 
-def test_edit_opens_a_window_and_prints_what_was_saved(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_edit_opens_a_window_and_prints_what_was_saved(tmp_path, monkeypatch, capsys):
     path = write_obj(tmp_path / "in.obj", *cylinder(16, 4))
     opened: list[tuple[object, ...]] = []
 
-    def window(*job: object, time_limit: float, module: str, on_event: Callable[[dict[str, object]], None]) -> None:
+    def window(*job, time_limit, module, on_event):
         opened.append(job)
         on_event({"told": "saved", "notes": ["a note"], "is_good": False, "command": "spinor-geom fill"})
 

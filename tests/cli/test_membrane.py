@@ -1,7 +1,6 @@
 """`spinor-geom membrane`: cables and forces of a frame file, and one sentence for bad files."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,13 +13,13 @@ DIAGONAL = {"symmetric": [[0, 0, 0], [1, -1, 0]]}
 HALF = np.arcsin(1 / 3)
 
 
-def write(path: Path, content: object) -> str:
+def write(path, content):
     path.write_text(content if isinstance(content, str) else json.dumps(content))
     return str(path)
 
 
 @pytest.mark.parametrize("suffix", [".obj", ".step"])
-def test_half_a_square_has_a_film_and_forces(suffix: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_half_a_square_has_a_film_and_forces(suffix, tmp_path, capsys):
     if suffix == ".step":
         pytest.importorskip("OCP")
     frame = write(tmp_path / "frame.json", {"edges": [SIDES[1], DIAGONAL, SIDES[0]]})
@@ -40,7 +39,7 @@ def test_half_a_square_has_a_film_and_forces(suffix: str, tmp_path: Path, capsys
         assert len(read_mesh(film).mesh.faces)
 
 
-def test_a_film_without_forces_is_balanced(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_film_without_forces_is_balanced(tmp_path, capsys):
     t = 2 * np.pi * np.arange(24) / 24
     ring = np.column_stack([np.cos(t), np.sin(t), 0 * t]).tolist()
     frame = write(tmp_path / "frame.json", {"edges": [{"ring": ring}]})
@@ -74,7 +73,7 @@ def test_a_film_without_forces_is_balanced(tmp_path: Path, capsys: pytest.Captur
         ({"edges": SIDES}, "edge 1 ends"),
     ],
 )
-def test_a_bad_frame_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str], content: object, message: str) -> None:
+def test_a_bad_frame_is_told(tmp_path, capsys, content, message):
     frame = write(tmp_path / "frame.json", content)
     assert main(["membrane", frame, "-o", str(tmp_path / "tent.obj")]) == 2
     error = capsys.readouterr().err

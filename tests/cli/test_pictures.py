@@ -27,13 +27,13 @@ MESH = Path(__file__).parents[2] / "data" / "trimesh_reference.obj"
 
 
 @pytest.fixture(scope="module")
-def saved(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def saved(tmp_path_factory):
     path = tmp_path_factory.mktemp("surface") / "enneper.safetensors"
     spinor_geom.solve_plateau(gallery.enneper(0.8).rim(48)).surface.save(path)
     return path
 
 
-def test_a_mesh_and_a_surface_are_drawn_on_white_with_their_boundaries(saved: Path, tmp_path: Path) -> None:
+def test_a_mesh_and_a_surface_are_drawn_on_white_with_their_boundaries(saved, tmp_path):
     for source, options in ((MESH, []), (saved, ["--curvature"])):
         target = tmp_path / "new" / f"{source.stem}.png"
         assert main(["render", str(source), "-o", str(target), "--size", "300x240", *options]) == 0
@@ -46,7 +46,7 @@ def test_a_mesh_and_a_surface_are_drawn_on_white_with_their_boundaries(saved: Pa
         assert len(np.unique(image.reshape(-1, 3), axis=0)) > 200  # shaded
 
 
-def test_the_eye_and_the_upright_axis_are_chosen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_eye_and_the_upright_axis_are_chosen(tmp_path, monkeypatch):
     seen: list[Any] = []
     # what would be drawn is looked at: to draw it takes a process
     monkeypatch.setattr(Portrait, "write", lambda self, _, *, eye, size: seen.append((self.layers[0], eye, size)))
@@ -66,13 +66,7 @@ def test_the_eye_and_the_upright_axis_are_chosen(tmp_path: Path, monkeypatch: py
         (["render", str(MESH), "-o", "."], "a picture is written as .png"),
     ],
 )
-def test_what_cannot_be_drawn_is_one_sentence(
-    arguments: list[str],
-    message: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_what_cannot_be_drawn_is_one_sentence(arguments, message, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(arguments) == 2
     error = capsys.readouterr().err
@@ -81,7 +75,7 @@ def test_what_cannot_be_drawn_is_one_sentence(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_view_without_a_display_advises(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_view_without_a_display_advises(monkeypatch, capsys):
     monkeypatch.setattr("sys.platform", "linux")
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
@@ -91,7 +85,7 @@ def test_view_without_a_display_advises(monkeypatch: pytest.MonkeyPatch, capsys:
     assert len(error.splitlines()) == 1
 
 
-def test_a_window_gets_mesh_rims_and_curvature(saved: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_window_gets_mesh_rims_and_curvature(saved, tmp_path, monkeypatch):
     shown: list[tuple[Any, ...]] = []
     monkeypatch.setenv("DISPLAY", ":0")
     monkeypatch.setattr(pictures, "draw_apart", lambda *job, time_limit: shown.append(job))
@@ -106,7 +100,7 @@ def test_a_window_gets_mesh_rims_and_curvature(saved: Path, tmp_path: Path, monk
     assert not shown[1][0][0].layers[0].fields
 
 
-def test_the_upward_axis_is_that_of_the_format_in_all_commands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_upward_axis_is_that_of_the_format_in_all_commands(tmp_path, monkeypatch):
     shown: list[Any] = []
     monkeypatch.setenv("DISPLAY", ":0")
     monkeypatch.setattr(pictures, "draw_apart", lambda *job, time_limit: shown.append(job[0][0].layers[0].vertices))
@@ -128,7 +122,7 @@ def test_the_upward_axis_is_that_of_the_format_in_all_commands(tmp_path: Path, m
             assert Camera.facing(mesh.mesh.vertices, side, up_of(report)).up @ up == 1
 
 
-def test_a_cad_file_is_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_cad_file_is_drawn(tmp_path, capsys):
     pytest.importorskip("OCP")
     film = solve_plateau(circle(40, bend=0.3))
     path = tmp_path / "film.step"

@@ -12,7 +12,7 @@ from tests.closed import is_watertight
 from tests.fill.shapes import circle, obj_text, tube
 
 
-def write_obj(path: Path, *curves: np.ndarray, closed: bool = True) -> Path:
+def write_obj(path, *curves, closed=True):
     lines, first = [], 1
     for curve in curves:
         lines += [f"v {x!r} {y!r} {z!r}" for x, y, z in curve.tolist()]
@@ -23,7 +23,7 @@ def write_obj(path: Path, *curves: np.ndarray, closed: bool = True) -> Path:
     return path
 
 
-def test_curves_become_one_film(tmp_path: Path) -> None:
+def test_curves_become_one_film(tmp_path):
     pytest.importorskip("OCP")
     from spinor_geom.adapters.open_cascade import read_shape
     from tests.open_cascade import free_wires, is_valid
@@ -36,7 +36,7 @@ def test_curves_become_one_film(tmp_path: Path) -> None:
         assert free_wires(shape)[0] == len(curves)
 
 
-def test_a_rim_of_a_mesh_is_chosen_by_its_number(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_rim_of_a_mesh_is_chosen_by_its_number(tmp_path, capsys):
     pytest.importorskip("OCP")
     source = tmp_path / "tube.obj"
     source.write_text(obj_text(*tube()))
@@ -48,7 +48,7 @@ def test_a_rim_of_a_mesh_is_chosen_by_its_number(tmp_path: Path, capsys: pytest.
     assert "loop 7" in capsys.readouterr().err
 
 
-def test_a_missed_tolerance_is_status_1(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_missed_tolerance_is_status_1(tmp_path, capsys):
     pytest.importorskip("OCP")
     square = np.array([[x, y, (x + y) % 2] for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))], dtype=float)
     source = write_obj(tmp_path / "square.obj", square)
@@ -57,7 +57,7 @@ def test_a_missed_tolerance_is_status_1(tmp_path: Path, capsys: pytest.CaptureFi
     assert "above the tolerance 1.0e-13" in capsys.readouterr().err
 
 
-def test_bad_input_is_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bad_input_is_one_sentence(tmp_path, capsys):
     source = write_obj(tmp_path / "curve.obj", circle(40, bend=0.3))
     assert main(["solve", str(source), "-o", str(tmp_path / "film.txt")]) == 2
     assert "'.txt' is not a CAD format" in capsys.readouterr().err
@@ -73,7 +73,7 @@ def test_bad_input_is_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture
     assert not Path(film).exists()
 
 
-def test_a_mesh_or_a_solid_is_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_mesh_or_a_solid_is_written(tmp_path, capsys):
     source = str(write_obj(tmp_path / "curves.obj", circle(40, bend=0.3)))
     film, solid = tmp_path / "film.ply", tmp_path / "solid.stl"
     assert main(["solve", source, "-o", str(film), "--edge-length", "0.05"]) == 0
@@ -95,11 +95,11 @@ def test_a_mesh_or_a_solid_is_written(tmp_path: Path, capsys: pytest.CaptureFixt
         (["--time-limit", "1", "2"], ["--time-limit", "1", "2"]),
     ],
 )
-def test_numbers_of_loops_may_be_apart(given: list[str], joined: list[str]) -> None:
+def test_numbers_of_loops_may_be_apart(given, joined):
     assert _with_joined_numbers(given) == joined
 
 
-def test_gaps_of_curves_are_closed_up_to_a_share_of_an_edge(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_gaps_of_curves_are_closed_up_to_a_share_of_an_edge(tmp_path, capsys):
     ring = circle(40, bend=0.3)
     edge = float(np.linalg.norm(ring[1] - ring[0]))
     for gap, options, status in ((1e-4, [], 0), (1e-2, [], 2), (1e-2, ["--closing", "0.1"], 0)):

@@ -1,7 +1,5 @@
 """The modules that starting the program imports, and the public names."""
 
-from __future__ import annotations
-
 import importlib
 import re
 import subprocess
@@ -17,12 +15,12 @@ HEAVY = ("torch", "trimesh", "scipy", "igl", "numpy", "pymeshlab", "pyvista", "r
 HEAVY += ("dask", "distributed", "filelock")
 
 
-def run_alone(program: str) -> subprocess.CompletedProcess[str]:
+def run_alone(program):
     command = [sys.executable, "-c", program]
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60, check=True)
 
 
-def test_help_and_usage_errors_import_nothing_heavy() -> None:
+def test_help_and_usage_errors_import_nothing_heavy():
     program = (
         "import sys\n"
         "from spinor_geom.cli.main import main\n"
@@ -42,13 +40,13 @@ def test_help_and_usage_errors_import_nothing_heavy() -> None:
     assert [sentence.fullmatch(line) is None for line in done.stderr.splitlines()] == [False] * 10
 
 
-def test_importing_the_package_imports_nothing_heavy() -> None:
+def test_importing_the_package_imports_nothing_heavy():
     program = f"import sys, spinor_geom; dir(spinor_geom); print([name for name in {HEAVY!r} if name in sys.modules])"
     done = run_alone(program)
     assert done.stdout.strip() == "[]"
 
 
-def test_public_names_are_defined_in_their_modules_and_not_hidden_by_modules_of_the_same_name() -> None:
+def test_public_names_are_defined_in_their_modules_and_not_hidden_by_modules_of_the_same_name():
     for name in spinor_geom.__all__:
         value = getattr(spinor_geom, name)
         assert value.__name__ == name
@@ -56,12 +54,12 @@ def test_public_names_are_defined_in_their_modules_and_not_hidden_by_modules_of_
     assert set(spinor_geom.__all__) <= set(dir(spinor_geom))
 
 
-def test_a_name_that_is_not_public_is_an_attribute_error() -> None:
+def test_a_name_that_is_not_public_is_an_attribute_error():
     with pytest.raises(AttributeError, match="no attribute 'fill_holes'"):
         _ = spinor_geom.fill_holes
 
 
-def test_warnings_of_libraries_are_not_shown_but_those_of_the_package_are() -> None:
+def test_warnings_of_libraries_are_not_shown_but_those_of_the_package_are():
     program = (
         "import warnings\n"
         "from spinor_geom.cli import loops, main\n"

@@ -1,7 +1,5 @@
 """A round mesh with holes, as the command prepares it for the window."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from spinor_geom.fill.fill_options import Choice, FillOptions
@@ -13,7 +11,7 @@ from tests.fill.shapes import icosphere
 HOLES = ((0.0, 0.0, 1.0, 0.45), (0.8, 0.0, 0.6, 0.33), (-0.7, 0.5, 0.5, 0.3), (0.0, -1.0, -0.4, 0.25))
 
 
-def ball(shift: float = 0.0, holes: tuple[tuple[float, ...], ...] = HOLES) -> tuple[np.ndarray, np.ndarray]:
+def ball(shift=0.0, holes=HOLES):
     """A unit sphere with holes, moved along all axes."""
     vertices, faces = icosphere(4)
     places = vertices[faces].mean(axis=1)
@@ -23,6 +21,6 @@ def ball(shift: float = 0.0, holes: tuple[tuple[float, ...], ...] = HOLES) -> tu
     return vertices + shift, faces
 
 
-def prepared(mesh: tuple[np.ndarray, np.ndarray]) -> Filling:
+def prepared(mesh):
     """The loops of a mesh."""
     return Filling(TriangleMesh(*mesh), Choice(), FillOptions())

@@ -1,7 +1,5 @@
 """The text beside the picture."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,7 +10,7 @@ from spinor_geom.edit.session import Preview, Session
 
 
 @pytest.mark.parametrize(("found", "told"), [(0, ""), (3, "3"), (None, "unknown")])
-def test_the_list_tells_patches_with_crossings_from_those_that_were_not_searched(found: int | None, told: str) -> None:
+def test_the_list_tells_patches_with_crossings_from_those_that_were_not_searched(found, told):
     session = Session([0])
     session.click(0)
     job = session.next_job()

@@ -1,7 +1,5 @@
 """What is under the pointer, and meshes of fewer triangles."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -26,16 +24,16 @@ ENDS = BEGINS[[1, 2, 3, 0, 5, 6, 7, 4]]
         ((12, 50), 0.3, None),
     ],
 )
-def test_the_nearest_visible_rim_is_pointed_at(here: tuple[float, float], depth: float, segment: int | None) -> None:
+def test_the_nearest_visible_rim_is_pointed_at(here, depth, segment):
     assert rim_at(np.array(here, dtype=float), BEGINS, ENDS, lambda x, y: depth) == segment
 
 
-def test_the_depth_of_an_opening_is_that_of_its_plane() -> None:
+def test_the_depth_of_an_opening_is_that_of_its_plane():
     tilted = SQUARE + np.outer(SQUARE @ [0.01, 0.02, 0], [0, 0, 1])
     assert plane_depth(np.array([30.0, 40]), tilted) == pytest.approx(1.1)
 
 
-def test_triangles_contain_what_is_inside_whatever_their_orientation() -> None:
+def test_triangles_contain_what_is_inside_whatever_their_orientation():
     corners = SQUARE[[[0, 1, 2], [0, 2, 1], [0, 2, 3]]]
     np.testing.assert_array_equal(triangles_at(np.array([60.0, 20]), corners), [0, 1])
     np.testing.assert_array_equal(triangles_at(np.array([20.0, 60]), corners), [2])

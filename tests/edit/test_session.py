@@ -1,7 +1,5 @@
 """The choices of the editor: clicks, bridges, undo, the command, and which previews are up to date."""
 
-from __future__ import annotations
-
 import shlex
 
 import numpy as np
@@ -11,12 +9,11 @@ from spinor_geom.cli.fill import _choice
 from spinor_geom.cli.main import build_parser
 from spinor_geom.edit.session import Preview, Session
 from spinor_geom.fill.fill_options import FillOptions
-from spinor_geom.fill.filling import Filling
 from tests.edit.meshes import ball, prepared
 from tests.fill.shapes import together, tube
 
 
-def fill(session: Session, filling: Filling) -> list[tuple[int, ...]]:
+def fill(session, filling):
     """Computes all previews, one after the other, and returns whose."""
     done = []
     while (job := session.next_job()) is not None:
@@ -27,7 +24,7 @@ def fill(session: Session, filling: Filling) -> list[tuple[int, ...]]:
     return done
 
 
-def test_a_click_changes_open_to_film_to_smooth_to_open() -> None:
+def test_a_click_changes_open_to_film_to_smooth_to_open():
     session, seen = Session([0, 1]), []
     for _ in range(4):
         session.click(1)
@@ -38,7 +35,7 @@ def test_a_click_changes_open_to_film_to_smooth_to_open() -> None:
         assert session.choices == choices
 
 
-def test_all_fills_open_holes_then_makes_them_smooth_then_opens_them() -> None:
+def test_all_fills_open_holes_then_makes_them_smooth_then_opens_them():
     session = Session([0, 2])  # 1 is a border
     session.click(2)
     session.click(2)
@@ -47,7 +44,7 @@ def test_all_fills_open_holes_then_makes_them_smooth_then_opens_them() -> None:
         assert session.choices == choices
 
 
-def test_loops_are_joined_and_a_bridge_grows_and_is_clicked_like_a_loop() -> None:
+def test_loops_are_joined_and_a_bridge_grows_and_is_clicked_like_a_loop():
     session = Session([0, 1, 2, 3])
     session.click(2)
     session.click(2)
@@ -65,7 +62,7 @@ def test_loops_are_joined_and_a_bridge_grows_and_is_clicked_like_a_loop() -> Non
     assert session.choices == {(3,): "film"}
 
 
-def test_the_command_makes_the_same_choices() -> None:
+def test_the_command_makes_the_same_choices():
     session = Session(range(12))
     for index in (4, 5, 9, 1, 1, 2, 2, 3, 3, 11, 11, 6, 6):
         session.click(index)
@@ -84,12 +81,12 @@ def test_the_command_makes_the_same_choices() -> None:
         assert continuity.get(index, "C0") == {"film": "C0", "smooth": "C1"}[kind]
 
 
-def nested_tubes() -> tuple[np.ndarray, np.ndarray]:
+def nested_tubes():
     """Two tubes of the same height, one in the other: the films over their ends lie in the same planes, and cross."""
     return together(tube(), (tube()[0] * [0.6, 0.6, 1.0], tube()[1]))
 
 
-def test_previews_are_the_patches_of_a_fill_in_whatever_order_they_were_chosen() -> None:
+def test_previews_are_the_patches_of_a_fill_in_whatever_order_they_were_chosen():
     mesh = nested_tubes()
     filling = prepared(mesh)
     session = Session(range(4))
@@ -115,7 +112,7 @@ def test_previews_are_the_patches_of_a_fill_in_whatever_order_they_were_chosen()
             assert getattr(preview, name) == getattr(outcome, name)
 
 
-def test_a_patch_is_computed_again_only_if_one_near_it_and_before_it_changed() -> None:
+def test_a_patch_is_computed_again_only_if_one_near_it_and_before_it_changed():
     far = ball(holes=((0, 0, 1, 0.4), (0, 0, -1, 0.3)))
     session = Session([0, 1])
     filling = prepared(far)
@@ -136,7 +133,7 @@ def test_a_patch_is_computed_again_only_if_one_near_it_and_before_it_changed() -
     assert fill(session, filling) == [(inner,)]
 
 
-def test_a_loop_that_cannot_be_filled_says_why_and_cancelling_opens_what_has_no_patch() -> None:
+def test_a_loop_that_cannot_be_filled_says_why_and_cancelling_opens_what_has_no_patch():
     filling = prepared(ball())
     session = Session(range(4))
     session.click(0)

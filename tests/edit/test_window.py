@@ -1,14 +1,10 @@
 """The window, drawn without a display, and events of VTK's interactor: what is coloured where, and what is saved."""
 
-from __future__ import annotations
-
 import os
 import shlex
 import shutil
 import signal
 import subprocess
-from collections.abc import Iterator
-from pathlib import Path
 from time import sleep
 from typing import Any
 
@@ -30,7 +26,7 @@ _CYCLES = 3000  # of 0.02 s, until the processes must have done their work
 class Person:
     """Points at loops, presses keys, and looks at the picture."""
 
-    def __init__(self, folder: Path, mesh: tuple[np.ndarray, np.ndarray], *, off_screen: bool = True) -> None:
+    def __init__(self, folder, mesh, *, off_screen=True):
         self.path, self.filling = folder / "ball.obj", prepared(mesh)
         self.path.write_text(obj_text(*mesh))
         self.output, self.saved = folder / "out.ply", list[dict[str, Any]]()
@@ -40,7 +36,7 @@ class Person:
         self.window.plotter.show(auto_close=False, interactive_update=True)
         self.events = self.window.plotter.iren
 
-    def wait(self) -> None:
+    def wait(self):
         """Until everything that is chosen is computed and saved, and shown."""
         for _ in range(_CYCLES):
             self.window.step()
@@ -51,30 +47,30 @@ class Person:
             sleep(0.02)
         raise AssertionError("the processes did not finish")
 
-    def place(self, index: int, *, on_rim: bool = False) -> tuple[int, int]:
+    def place(self, index, *, on_rim=False):
         """The pixel of a hole's centre, or of a point of its rim."""
         loop = self.filling.loops[index]
         point = loop.points[0] if on_rim else loop.centroid
         x, y, _ = self.window._pixels(self.window._drawn(point)).tolist()
         return round(x), round(y)
 
-    def click(self, index: int, *, shift: bool = False, on_rim: bool = False) -> None:
+    def click(self, index, *, shift=False, on_rim=False):
         """Clicks a hole."""
         self.events.interactor.SetShiftKey(int(shift))
         self.events._mouse_left_button_click(*self.place(index, on_rim=on_rim))
         self.events.interactor.SetShiftKey(0)
 
-    def press(self, keys: str) -> None:
+    def press(self, keys):
         """Presses keys, one after the other."""
         for key in keys:
             self.events._simulate_keypress(key)
 
-    def colour(self, x: int, y: int) -> np.ndarray:
+    def colour(self, x, y):
         """The red, green and blue around a pixel, from 0 to 1, the mean of a few pixels."""
         image = np.asarray(self.window.plotter.screenshot(return_img=True))[::-1] / 255
         return np.asarray(image[y - 1 : y + 2, x - 1 : x + 2].mean(axis=(0, 1)))
 
-    def sees(self, x: int, y: int, colour: str) -> bool:
+    def sees(self, x, y, colour):
         """Whether a pixel has the hue of a colour, whatever its brightness."""
         seen, wanted = self.colour(x, y), np.array(list(bytes.fromhex(colour[1:]))) / 255
         seen, wanted = (own - own.mean() for own in (seen, wanted))
@@ -82,7 +78,7 @@ class Person:
 
 
 @pytest.fixture(params=[0.0])
-def person(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Person]:
+def person(request, tmp_path, monkeypatch):
     if not os.environ.get("DISPLAY"):
         monkeypatch.setenv("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
     monkeypatch.setattr(window_module, "SIZE", (800, 500))  # is drawn in a third of the time
@@ -92,7 +88,7 @@ def person(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.M
     made.window.plotter.close()
 
 
-def test_holes_are_pointed_at_and_get_films_and_smooth_patches(person: Person) -> None:
+def test_holes_are_pointed_at_and_get_films_and_smooth_patches(person):
     window = person.window
     # openings and rims, not those behind the mesh, and nothing beside it
     assert [window.loop_at(*person.place(k)) for k in range(4)] == [0, 1, 2, None]
@@ -134,7 +130,7 @@ def test_holes_are_pointed_at_and_get_films_and_smooth_patches(person: Person) -
     assert window.session.choices == {(0,): "film", (1,): "smooth"}
 
 
-def test_what_is_saved_is_what_the_command_makes(person: Person, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_saved_is_what_the_command_makes(person, capsys):
     window = person.window
     person.press("s")
     assert "nothing to save" in window.work.message
@@ -174,7 +170,7 @@ def test_what_is_saved_is_what_the_command_makes(person: Person, capsys: pytest.
         np.testing.assert_array_equal(preview.patch.patch.vertices, patch.vertices)
 
 
-def test_a_process_that_dies_and_a_cancelled_one_leave_the_loop_open(person: Person) -> None:
+def test_a_process_that_dies_and_a_cancelled_one_leave_the_loop_open(person):
     window = person.window
     person.wait()
     person.click(0)
@@ -206,7 +202,7 @@ def test_a_process_that_dies_and_a_cancelled_one_leave_the_loop_open(person: Per
 
 
 @pytest.fixture
-def display(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def display(monkeypatch):
     """An X server of its own, on which VTK opens windows. It keeps its state when its last window is closed."""
     if shutil.which("Xvfb") is None:
         pytest.skip("Xvfb is not installed")
@@ -218,7 +214,7 @@ def display(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
         server.terminate()
 
 
-def test_holes_are_clicked_on_a_display(display: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_holes_are_clicked_on_a_display(display, tmp_path, monkeypatch):
     monkeypatch.setattr(window_module, "SIZE", (800, 500))
     person = Person(tmp_path, ball(), off_screen=False)
     try:

@@ -1,9 +1,5 @@
 """Names of the gallery: each gives its surface."""
 
-from __future__ import annotations
-
-from collections.abc import Iterable
-
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
@@ -21,19 +17,19 @@ WITHOUT_AREA = ("ellipse", "horseshoe", "l-shape")
 SECONDS_LONG = ("horseshoe", "scherk", "schwarz-d-hexagon", "schwarz-h", "schwarz-p-hexagon", "schwarz-prism")
 
 
-def some_slow(names: Iterable[str]) -> list[object]:
+def some_slow(names):
     return [pytest.param(name, marks=pytest.mark.slow) if name in SECONDS_LONG else name for name in names]
 
 
 @pytest.mark.parametrize("name", FORMULAS)
-def test_a_formula_has_its_area(name: str) -> None:
+def test_a_formula_has_its_area(name):
     known = SURFACES[name]()
     assert isinstance(known, KnownSurface)
     assert named_surface(name).area() == pytest.approx(known.area, rel=1e-9)
 
 
 @pytest.mark.parametrize("name", some_slow(BOUNDARIES))
-def test_a_boundary_stands_for_the_disk_that_it_bounds(name: str) -> None:
+def test_a_boundary_stands_for_the_disk_that_it_bounds(name):
     known = SURFACES[name]()
     assert isinstance(known, (KnownCurve, KnownPatch))
     area = known.area if isinstance(known, KnownPatch) else known.disks[0].area
@@ -41,7 +37,7 @@ def test_a_boundary_stands_for_the_disk_that_it_bounds(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", some_slow(WITHOUT_AREA))
-def test_a_curve_whose_area_is_not_known_is_met(name: str) -> None:
+def test_a_curve_whose_area_is_not_known_is_met(name):
     curve = SURFACES[name]()
     assert isinstance(curve, KnownCurve)
     surface = named_surface(name)
@@ -50,6 +46,6 @@ def test_a_curve_whose_area_is_not_known_is_met(name: str) -> None:
     assert cKDTree(gamma).query(met)[0].max() < 1e-3 * np.linalg.norm(np.ptp(gamma, axis=0))
 
 
-def test_an_unknown_name_lists_all() -> None:
+def test_an_unknown_name_lists_all():
     with pytest.raises(OptionError, match=r"no surface 'enneppr'.*catenoid.*twisted-circle"):
         named_surface("enneppr")

@@ -1,11 +1,7 @@
 """The associate family: isometric, with the known members; animations and the page that show it."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,7 +16,6 @@ from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.meshing.embed import mesh_surface
 from spinor_geom.render.morph import SUFFIXES, morph
 from spinor_geom.render.portrait import GAUSS, GRID_LINES, grid_lines, surface_layers
-from spinor_geom.render.scene import Faces
 from spinor_geom.surface.array_surface import ArraySurface
 from tests.browser import visit
 from tests.render.test_viewer import array, data_of
@@ -28,7 +23,7 @@ from tests.render.test_viewer import array, data_of
 ANGLES = st.floats(-10, 10)
 
 
-def catenoid_on_a_ring() -> ArraySurface:
+def catenoid_on_a_ring():
     """p = 1, q = 1/z over the unit disk: ∮ φ dz is not 0 around the pole, and imaginary."""
     z = np.exp(2j * np.pi * np.arange(64) / 64)
     ones = np.ones(64, dtype=np.float64)
@@ -40,12 +35,12 @@ def catenoid_on_a_ring() -> ArraySurface:
 
 
 @pytest.fixture(scope="module")
-def catenoid() -> Faces:
+def catenoid():
     return surface_layers(gallery.catenoid().surface, vertices=600, family=True)[0]
 
 
 @given(angle=ANGLES)
-def test_members_are_those_of_the_surface_up_to_a_shift(catenoid: Faces, angle: float) -> None:
+def test_members_are_those_of_the_surface_up_to_a_shift(catenoid, angle):
     surface = gallery.catenoid().surface
     z = mesh_surface(surface, vertices=600).points
     apart = catenoid.turned(angle)[: len(z)] - surface.associate(angle).position(z)
@@ -55,7 +50,7 @@ def test_members_are_those_of_the_surface_up_to_a_shift(catenoid: Faces, angle: 
 
 
 @given(angle=ANGLES)
-def test_the_metric_stays_to_round_off(angle: float) -> None:
+def test_the_metric_stays_to_round_off(angle):
     surface = gallery.enneper(1.2).surface
     z = surface.domain.triangulation.points
     turned, h = surface.associate(angle), 1e-3
@@ -67,7 +62,7 @@ def test_the_metric_stays_to_round_off(angle: float) -> None:
         np.testing.assert_allclose(lengths[1], lengths[0], rtol=1e-14)
 
 
-def test_lines_of_the_grid_lie_in_the_domain_and_are_straight_there() -> None:
+def test_lines_of_the_grid_lie_in_the_domain_and_are_straight_there():
     domain = gallery.catenoid().surface.domain
     mesh = domain.triangulation
     points, lines = grid_lines(mesh.points, mesh.faces, np.column_stack([mesh.points.real, mesh.points.imag]))
@@ -81,14 +76,14 @@ def test_lines_of_the_grid_lie_in_the_domain_and_are_straight_there() -> None:
     assert len(lines) > 2 * GRID_LINES
 
 
-def test_a_pole_in_the_domain_is_named_as_the_reason_for_no_family() -> None:
+def test_a_pole_in_the_domain_is_named_as_the_reason_for_no_family():
     with pytest.raises(PeriodError, match=r"the domain's boundary.*-12\.6") as caught:
         surface_layers(catenoid_on_a_ring(), family=True)
     np.testing.assert_allclose(caught.value.period, [0, 0, -4 * np.pi], atol=1e-9)
 
 
 @pytest.mark.usefixtures("drawn_by_one_process")
-def test_an_animation_has_its_frames_and_begins_with_the_surface(tmp_path: Path) -> None:
+def test_an_animation_has_its_frames_and_begins_with_the_surface(tmp_path):
     from PIL import Image, ImageSequence
 
     path = tmp_path / "catenoid.gif"
@@ -112,7 +107,7 @@ def test_an_animation_has_its_frames_and_begins_with_the_surface(tmp_path: Path)
     assert ((blue - red) > 40).mean() > 0.02
 
 
-def test_the_page_holds_surface_and_conjugate(tmp_path: Path) -> None:
+def test_the_page_holds_surface_and_conjugate(tmp_path):
     path = tmp_path / "enneper.html"
     morph(gallery.enneper(0.8).surface, path)
     text = path.read_text(encoding="utf-8")
@@ -129,7 +124,7 @@ def test_the_page_holds_surface_and_conjugate(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_slider_of_the_page_turns_the_surface_in_a_browser(chromium: Any, tmp_path: Path) -> None:
+def test_the_slider_of_the_page_turns_the_surface_in_a_browser(chromium, tmp_path):
     path = tmp_path / "catenoid.html"
     morph(gallery.catenoid().surface, path)
     with visit(chromium, path.as_uri(), ready=True) as opened:
@@ -148,7 +143,7 @@ def test_the_slider_of_the_page_turns_the_surface_in_a_browser(chromium: Any, tm
 
 
 @pytest.mark.parametrize("name", ["catenoid.avi", "catenoid", "catenoid.gif.txt"])
-def test_unknown_formats_are_refused_before_work(tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_unknown_formats_are_refused_before_work(tmp_path, name, capsys):
     with pytest.raises(OptionError, match=re.escape(", ".join(SUFFIXES))):
         morph(gallery.catenoid().surface, tmp_path / name)
     assert main(["morph", "catenoid", "-o", str(tmp_path / name)]) == 2
@@ -156,7 +151,7 @@ def test_unknown_formats_are_refused_before_work(tmp_path: Path, name: str, caps
     assert not list(tmp_path.iterdir())
 
 
-def test_the_command_takes_a_name_or_a_saved_surface(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_takes_a_name_or_a_saved_surface(tmp_path, capsys):
     saved, first, second = tmp_path / "a.safetensors", tmp_path / "first.html", tmp_path / "second.html"
     gallery.named_surface("enneper").save(saved)
     assert main(["morph", "enneper", "-o", str(first)]) == 0

@@ -1,9 +1,5 @@
 """The PNG: the patch is in its colour, on the right only; clear errors where it cannot be drawn."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -12,17 +8,16 @@ from spinor_geom.errors import RenderError
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.render import png
 from spinor_geom.render.fill_scene import fill_scene
-from spinor_geom.render.scene import Scene
 from tests.fill.shapes import tube
 from tests.systems import signals
 
 
 @pytest.fixture(scope="module")
-def scene() -> tuple[Scene, ...]:
+def scene():
     return fill_scene(fill_hole(tube(), return_report=True)[1])
 
 
-def pixels(path: Path) -> np.ndarray:
+def pixels(path):
     """(height, width, 3) of a PNG, top row first."""
     import pyvista
 
@@ -31,7 +26,7 @@ def pixels(path: Path) -> np.ndarray:
     return np.asarray(image.active_scalars).reshape(height, width, -1)[::-1, :, :3].astype(int)
 
 
-def test_the_patch_is_orange_and_only_on_the_right(scene: tuple[Scene, ...], tmp_path: Path) -> None:
+def test_the_patch_is_orange_and_only_on_the_right(scene, tmp_path):
     path = tmp_path / "picture.png"
     png.write_png(scene, path)
     image = pixels(path)
@@ -49,7 +44,7 @@ def test_the_patch_is_orange_and_only_on_the_right(scene: tuple[Scene, ...], tmp
 SKINS = {"texture": "v {0} {1} {2}\n", "colours": "v {0} {1} {2} 0 0.8 0\n"}
 
 
-def green_tube(folder: Path, skin: str) -> Path:
+def green_tube(folder, skin):
     """A file of a green tube: by a texture whose lower half is red, with a seam in each edge, or by colours."""
     from PIL import Image
 
@@ -67,7 +62,7 @@ def green_tube(folder: Path, skin: str) -> Path:
 
 
 @pytest.mark.usefixtures("drawn_by_one_process")
-def test_pictures_show_the_colours_of_the_mesh(tmp_path: Path) -> None:
+def test_pictures_show_the_colours_of_the_mesh(tmp_path):
     source, picture = green_tube(tmp_path, "texture"), tmp_path / "picture.png"
     commands = (["fill", str(source), "-o", str(tmp_path / "o.obj"), "--picture"], ["render", str(source), "-o"])
     for command in (*commands, ["loops", str(source), "--picture"]):
@@ -92,9 +87,7 @@ DRAWING = "import {}; from spinor_geom.isolate import serve; serve(lambda *_: ex
         ("time", "time.sleep(100)", "took longer than 0.5 s"),
     ],
 )
-def test_a_failed_drawing_is_a_typed_error_and_leaves_no_file(
-    scene: tuple[Scene, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, imported: str, done: str, words: str
-) -> None:
+def test_a_failed_drawing_is_a_typed_error_and_leaves_no_file(scene, tmp_path, monkeypatch, imported, done, words):
     (tmp_path / "instead_of_drawing.py").write_text(DRAWING.format(imported, done))
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr(png, "DRAWING", "instead_of_drawing")

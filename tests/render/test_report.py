@@ -1,12 +1,7 @@
 """The page of a fill in a real browser: drawn, each switch changes the view, nothing is fetched; its text."""
 
-from __future__ import annotations
-
 import io
 import re
-from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,18 +12,17 @@ from spinor_geom.adapters.mesh_files import write_triangles
 from spinor_geom.bench.holes import plane_square
 from spinor_geom.bench.odd_holes import facing_rims
 from spinor_geom.cli.main import main
-from spinor_geom.fill.fill_result import FillResult
 from spinor_geom.mesh.operators import face_areas
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.render.loop_views import DISTANCE, GAUSS, MEAN, loop_views
 from spinor_geom.render.report import _shown
-from tests.browser import Visit, visit
+from tests.browser import visit
 from tests.fill.shapes import collar, figure_eight, obj_text, together, tube
 from tests.render.test_png import green_tube
 
 
 @pytest.fixture(scope="module")
-def result() -> FillResult:
+def result():
     """Two rims, one of which bends, so that every field varies."""
     vertices, faces = tube(32, 5)
     angle = np.arctan2(vertices[:, 1], vertices[:, 0])
@@ -37,14 +31,14 @@ def result() -> FillResult:
 
 
 @pytest.fixture(scope="module")
-def page(result: FillResult, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def page(result, tmp_path_factory):
     path = tmp_path_factory.mktemp("report") / "report.html"
     spinor_geom.report(result, path)
     return path
 
 
 @pytest.fixture
-def opened(chromium: Any, page: Path) -> Iterator[Visit]:
+def opened(chromium, page):
     with visit(chromium, page.as_uri(), ready=True) as now:
         assert now.page.locator("canvas:visible").count() == 1  # the mathematics is folded
         now.page.locator("summary", has_text="the Gauss map").click()
@@ -53,7 +47,7 @@ def opened(chromium: Any, page: Path) -> Iterator[Visit]:
         assert now.foreign == []
 
 
-def canvas(opened: Visit, number: int) -> np.ndarray:
+def canvas(opened, number):
     """(height, width, 3) pixels of a view."""
     from PIL import Image
 
@@ -62,17 +56,17 @@ def canvas(opened: Visit, number: int) -> np.ndarray:
     return np.asarray(Image.open(io.BytesIO(shot)).convert("RGB")).astype(int)
 
 
-def changed(before: np.ndarray, after: np.ndarray) -> float:
+def changed(before, after):
     """Share of the pixels that differ visibly."""
     return float((np.abs(before - after).max(axis=-1) > 16).mean())
 
 
-def orange(image: np.ndarray) -> float:
+def orange(image):
     red, green, blue = np.moveaxis(image, -1, 0)
     return float(((red > 1.3 * green) & (green > 1.4 * blue) & (red > 100)).mean())
 
 
-def test_the_mesh_the_domain_and_the_gauss_map_are_drawn(opened: Visit) -> None:
+def test_the_mesh_the_domain_and_the_gauss_map_are_drawn(opened):
     assert opened.page.locator("canvas:visible").count() == 3
     for number in range(3):
         image = canvas(opened, number)
@@ -90,7 +84,7 @@ def test_the_mesh_the_domain_and_the_gauss_map_are_drawn(opened: Visit) -> None:
     assert ((np.ptp(image, axis=-1) < 30) & (image.min(axis=-1) < 235)).mean() > 0.05
 
 
-def test_each_switch_changes_the_picture_and_back(opened: Visit) -> None:
+def test_each_switch_changes_the_picture_and_back(opened):
     before = canvas(opened, 0)
     for switch in ("wireframe", "conformal grid", "normals"):
         box = opened.page.get_by_label(switch, exact=True)
@@ -100,7 +94,7 @@ def test_each_switch_changes_the_picture_and_back(opened: Visit) -> None:
         assert changed(before, canvas(opened, 0)) == 0
 
 
-def test_each_colour_shows_on_all_views_with_its_scale(opened: Visit) -> None:
+def test_each_colour_shows_on_all_views_with_its_scale(opened):
     before = [canvas(opened, number) for number in range(3)]
     bar = opened.page.locator("form output")
     assert bar.inner_text() == ""
@@ -113,7 +107,7 @@ def test_each_colour_shows_on_all_views_with_its_scale(opened: Visit) -> None:
         assert len(np.unique(after[1].reshape(-1, 3) // 32, axis=0)) > 6
 
 
-def test_the_choice_of_a_loop_shows_its_domain_and_its_figures(opened: Visit) -> None:
+def test_the_choice_of_a_loop_shows_its_domain_and_its_figures(opened):
     before = [canvas(opened, number) for number in range(3)]
     assert opened.page.locator("section:visible h2").all_inner_texts() == ["Loop 0"]
     opened.page.select_option("select[name=loop]", "1")
@@ -124,7 +118,7 @@ def test_the_choice_of_a_loop_shows_its_domain_and_its_figures(opened: Visit) ->
     assert opened.page.evaluate(f"{shown}.every((i) => i.naturalWidth > 50)")
 
 
-def test_mouse_wheel_and_keys_turn_move_and_zoom(opened: Visit) -> None:
+def test_mouse_wheel_and_keys_turn_move_and_zoom(opened):
     view = opened.page.locator("canvas").first
     box = view.bounding_box()
     middle = (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
@@ -148,7 +142,7 @@ def test_mouse_wheel_and_keys_turn_move_and_zoom(opened: Visit) -> None:
     assert changed(start, canvas(opened, 0)) < 0.001
 
 
-def test_the_page_shows_which_patches_are_discrete_and_why() -> None:
+def test_the_page_shows_which_patches_are_discrete_and_why():
     _, result = spinor_geom.fill_hole(collar(figure_eight(16, 0.5), np.array([0, 0, 0.3])), return_report=True)
     text = spinor_geom.report(result)
     assert "2 of 2 loops filled" in text
@@ -158,7 +152,7 @@ def test_the_page_shows_which_patches_are_discrete_and_why() -> None:
     assert "<section" not in text
 
 
-def test_a_closed_mesh_has_a_page(result: FillResult, chromium: Any, tmp_path: Path) -> None:
+def test_a_closed_mesh_has_a_page(result, chromium, tmp_path):
     closed = spinor_geom.fill_hole(result.mesh, return_report=True)[1]
     spinor_geom.report(closed, tmp_path / "closed.html")
     with visit(chromium, (tmp_path / "closed.html").as_uri(), ready=True) as now:
@@ -167,7 +161,7 @@ def test_a_closed_mesh_has_a_page(result: FillResult, chromium: Any, tmp_path: P
         assert now.errors == []
 
 
-def test_the_figures_are_those_of_the_report(result: FillResult) -> None:
+def test_the_figures_are_those_of_the_report(result):
     text = spinor_geom.report(result)
     for outcome in result.loops:
         assert f"<td>{outcome.solution.area:.6g}</td>" in text
@@ -177,7 +171,7 @@ def test_the_figures_are_those_of_the_report(result: FillResult) -> None:
     assert "http" not in re.sub(allowed, "", text, flags=re.DOTALL)
 
 
-def test_the_command_writes_the_page_with_comparisons(tmp_path: Path) -> None:
+def test_the_command_writes_the_page_with_comparisons(tmp_path):
     mesh = tmp_path / "tube.obj"
     mesh.write_text(obj_text(*tube(16, 3)))
     target = tmp_path / "new" / "report.html"
@@ -188,13 +182,13 @@ def test_the_command_writes_the_page_with_comparisons(tmp_path: Path) -> None:
     assert sorted(path.name for path in target.parent.iterdir()) == ["report.html"]
 
 
-def test_a_coarser_mesh_of_a_mesh_that_has_shrunk_to_a_line_ends() -> None:
+def test_a_coarser_mesh_of_a_mesh_that_has_shrunk_to_a_line_ends():
     ball = trimesh.creation.icosphere(subdivisions=4)
     line = TriangleMesh(np.array(ball.vertices * [1, 0, 0]), np.array(ball.faces))
     assert len(_shown(line, line.vertices[:5], 500).faces) < len(line.faces)
 
 
-def test_a_large_mesh_is_shown_whole_and_as_it_is_near_its_loops(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_large_mesh_is_shown_whole_and_as_it_is_near_its_loops(monkeypatch):
     most = 8_000
     monkeypatch.setattr("spinor_geom.render.report.MOST_FACES", most)
     vertices, faces = plane_square(100)
@@ -210,7 +204,7 @@ def test_a_large_mesh_is_shown_whole_and_as_it_is_near_its_loops(monkeypatch: py
 
 
 @pytest.mark.slow
-def test_the_page_shows_the_colours_of_the_mesh(chromium: Any, tmp_path: Path) -> None:
+def test_the_page_shows_the_colours_of_the_mesh(chromium, tmp_path):
     _, result = spinor_geom.fill_hole(green_tube(tmp_path, "colours"), return_report=True)
     spinor_geom.report(result, tmp_path / "page.html")
     with visit(chromium, (tmp_path / "page.html").as_uri(), ready=True) as now:
@@ -222,7 +216,7 @@ def test_the_page_shows_the_colours_of_the_mesh(chromium: Any, tmp_path: Path) -
     assert ((red > 2 * green) & (red > 150) & (blue < 30)).mean() < 1e-3
 
 
-def test_a_bridge_is_shown_with_both_rims_and_its_discrete_annulus() -> None:
+def test_a_bridge_is_shown_with_both_rims_and_its_discrete_annulus():
     hole = facing_rims(0.4, 24)
     first, second = hole.rim_indices
     _, report = spinor_geom.fill_hole((hole.vertices, hole.faces), bridge=(first, second), return_report=True)
@@ -239,7 +233,7 @@ LINKED = """() => [...document.querySelectorAll("tr.chosen, .number.chosen")].ma
     (one) => one.dataset.row ?? one.textContent)"""
 
 
-def test_a_click_on_a_patch_selects_its_row_and_a_click_on_a_row_shows_its_patch(chromium: Any, tmp_path: Path) -> None:
+def test_a_click_on_a_patch_selects_its_row_and_a_click_on_a_row_shows_its_patch(chromium, tmp_path):
     _, result = spinor_geom.fill_hole(tube(), continuity="smooth", return_report=True)
     spinor_geom.report(result, tmp_path / "report.html")
     with visit(chromium, (tmp_path / "report.html").as_uri(), ready=True) as opened:
@@ -254,7 +248,7 @@ def test_a_click_on_a_patch_selects_its_row_and_a_click_on_a_row_shows_its_patch
         assert opened.errors == []
 
 
-def test_a_click_on_a_rim_of_the_page_of_loops_writes_the_command(chromium: Any, tmp_path: Path) -> None:
+def test_a_click_on_a_rim_of_the_page_of_loops_writes_the_command(chromium, tmp_path):
     vertices, faces = tube()
     path = tmp_path / "a tube.obj"
     write_triangles(vertices, faces, path)
@@ -276,7 +270,7 @@ def test_a_click_on_a_rim_of_the_page_of_loops_writes_the_command(chromium: Any,
         assert opened.errors == []
 
 
-def test_the_button_of_all_loops_leaves_out_borders(chromium: Any, tmp_path: Path) -> None:
+def test_the_button_of_all_loops_leaves_out_borders(chromium, tmp_path):
     path = tmp_path / "tube_and_sheet.obj"
     write_triangles(*together(tube(), plane_square(12)), path)  # the longest loop is the border of the sheet
     assert main(["loops", str(path), "--html", str(tmp_path / "loops.html")]) == 0

@@ -1,7 +1,5 @@
 """Scenes of fills and loops: cameras, boundary loops, patches."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import trimesh
@@ -9,27 +7,25 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from spinor_geom.fill.fill_hole import fill_hole
-from spinor_geom.fill.fill_result import FillResult
 from spinor_geom.fill.loop_choice import boundary_loops
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.render.camera import Camera
 from spinor_geom.render.fill_scene import fill_scene, loops_scene, most_seen, whole_scene
-from spinor_geom.render.scene import Scene
 from tests.fill.shapes import bowl_below, tube
 from tests.fill.test_bridge import ring
 
 
 @pytest.fixture(scope="module")
-def result() -> FillResult:
+def result():
     return fill_hole(tube(), return_report=True)[1]
 
 
 @pytest.fixture(scope="module")
-def scene(result: FillResult) -> tuple[Scene, ...]:
+def scene(result):
     return fill_scene(result)
 
 
-def test_the_scene_holds_the_mesh_its_patches_and_all_rims(result: FillResult, scene: tuple[Scene, ...]) -> None:
+def test_the_scene_holds_the_mesh_its_patches_and_all_rims(result, scene):
     mesh, rims, patch = scene[1].layers
     np.testing.assert_array_equal(mesh.faces, result.original.faces)
     np.testing.assert_array_equal(patch.faces, result.extension.faces)
@@ -38,7 +34,7 @@ def test_the_scene_holds_the_mesh_its_patches_and_all_rims(result: FillResult, s
     assert scene[0].layers == [mesh, rims]
 
 
-def test_the_largest_patch_is_that_of_largest_area_not_of_longest_rim() -> None:
+def test_the_largest_patch_is_that_of_largest_area_not_of_longest_rim():
     # the lower end squeezed to a slit and lengthened: a longer rim around less area
     vertices, faces = tube(squeeze=1.0)
     squeezed = np.where(vertices[:, 2:] == 0, vertices * [1.3, 0.05, 1.0], vertices)
@@ -48,7 +44,7 @@ def test_the_largest_patch_is_that_of_largest_area_not_of_longest_rim() -> None:
     assert fill_scene(report)[0].camera.direction[2] > 0.9
 
 
-def test_everything_is_in_the_picture_and_patches_far_wider_than_the_mesh(scene: tuple[Scene, ...]) -> None:
+def test_everything_is_in_the_picture_and_patches_far_wider_than_the_mesh(scene):
     assert_shown(scene)
     bowl = bowl_below(-0.4, 2)
     _, report = fill_hole(bowl, 0, continuity="C1", return_report=True)
@@ -56,7 +52,7 @@ def test_everything_is_in_the_picture_and_patches_far_wider_than_the_mesh(scene:
     assert_shown(fill_scene(report))
 
 
-def assert_shown(scene: tuple[Scene, ...]) -> None:
+def assert_shown(scene):
     camera = scene[0].camera
     right = np.cross(camera.up, camera.direction)
     offset = scene[1].layers[-1].vertices - camera.focus
@@ -64,7 +60,7 @@ def assert_shown(scene: tuple[Scene, ...]) -> None:
     assert np.abs(offset @ camera.up).max() <= camera.radius * (1 + 1e-12)
 
 
-def test_a_small_hole_is_shown_close_up() -> None:
+def test_a_small_hole_is_shown_close_up():
     _, report = fill_hole(ring(1.0, 10.0), return_report=True)
     assert [loop.filled for loop in report.loops] == [False, True]
     camera = fill_scene(report)[0].camera
@@ -72,7 +68,7 @@ def test_a_small_hole_is_shown_close_up() -> None:
     assert 1.0 < camera.radius < 3.0
 
 
-def test_rims_are_numbered_where_the_mesh_beside_them_is_seen() -> None:
+def test_rims_are_numbered_where_the_mesh_beside_them_is_seen():
     mesh = TriangleMesh(*tube())
     loops = boundary_loops(mesh)
     scene = loops_scene(mesh, loops)
@@ -88,7 +84,7 @@ def test_rims_are_numbered_where_the_mesh_beside_them_is_seen() -> None:
     assert not any(one.labels for one in loops_scene(ball, []))
 
 
-def icosphere_without_two_faces() -> TriangleMesh:
+def icosphere_without_two_faces():
     """Two holes that look opposite ways."""
     ball = trimesh.creation.icosphere(subdivisions=1)
     normals = ball.face_normals
@@ -96,7 +92,7 @@ def icosphere_without_two_faces() -> TriangleMesh:
     return TriangleMesh(ball.vertices, np.delete(ball.faces, [0, opposite], axis=0))
 
 
-def test_a_whole_mesh_is_seen_from_the_side_of_its_patches() -> None:
+def test_a_whole_mesh_is_seen_from_the_side_of_its_patches():
     sphere = trimesh.creation.icosphere(subdivisions=3)
     middles = sphere.triangles_center
     holes = [middles @ np.array(towards) > limit for towards, limit in (((0, 0, 1), 0.93), ((0, 0, -1), 0.9))]
@@ -116,7 +112,7 @@ def test_a_whole_mesh_is_seen_from_the_side_of_its_patches() -> None:
 
 
 @given(st.integers(0, 10_000))
-def test_no_direction_shows_more(seed: int) -> None:
+def test_no_direction_shows_more(seed):
     rng = np.random.default_rng(seed)
     areas = rng.normal(size=(int(rng.integers(1, 9)), 3))
     found, others = most_seen(areas), rng.normal(size=(2000, 3))
@@ -127,7 +123,7 @@ def test_no_direction_shows_more(seed: int) -> None:
 
 
 @given(st.tuples(*[st.floats(-1, 1)] * 3).filter(lambda v: np.linalg.norm(v) > 1e-3))
-def test_views_are_orthonormal_straight_at_the_normal_and_upright(vector: tuple[float, float, float]) -> None:
+def test_views_are_orthonormal_straight_at_the_normal_and_upright(vector):
     normal = np.array(vector) / np.linalg.norm(vector)
     camera = Camera.facing(np.eye(3), normal)
     direction, up = camera.direction, camera.up
@@ -137,7 +133,7 @@ def test_views_are_orthonormal_straight_at_the_normal_and_upright(vector: tuple[
         assert up[1] > 0.7
 
 
-def test_the_whole_mesh_fits_exactly() -> None:
+def test_the_whole_mesh_fits_exactly():
     box = np.array([[0.0, 0.0, 0.0], [4.0, 2.0, 1.0]])
     camera = Camera.around(box, np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0]))
     np.testing.assert_allclose(camera.focus, [2.0, 1.0, 0.5])

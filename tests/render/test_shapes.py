@@ -1,11 +1,7 @@
 """Surfaces and meshes as objects of other libraries, as glTF, and in a notebook."""
 
-from __future__ import annotations
-
 import html
 import json
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,9 +9,7 @@ import trimesh
 
 import spinor_geom
 from spinor_geom import fill_hole, gallery
-from spinor_geom.fill.fill_result import FillResult
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
-from spinor_geom.plateau.solution import PlateauSolution
 from spinor_geom.render import shapes
 from spinor_geom.render.scene import VIRIDIS
 from tests.browser import visit
@@ -24,22 +18,22 @@ from tests.render.test_viewer import data_of
 
 
 @pytest.fixture(scope="module")
-def enneper() -> PlateauSolution:
+def enneper():
     return spinor_geom.solve_plateau(gallery.enneper(0.8).rim(48))
 
 
 @pytest.fixture(scope="module")
-def filled() -> FillResult:
+def filled():
     return spinor_geom.fill_hole(TriangleMesh(*tube()), return_report=True)[1]
 
 
-def sphere() -> TriangleMesh:
+def sphere():
     ball = trimesh.creation.icosphere(subdivisions=3, radius=2.0)
     arrays = np.asarray(ball.vertices), np.asarray(ball.faces)
     return TriangleMesh(*arrays, vertex_attributes={"heat": ball.vertices[:, :1]})
 
 
-def test_a_surface_as_pyvista_has_the_exact_curvature_at_its_vertices(enneper: PlateauSolution) -> None:
+def test_a_surface_as_pyvista_has_the_exact_curvature_at_its_vertices(enneper):
     mesh = enneper.surface.to_pyvista()
     assert 2000 < mesh.n_points < 8000
     assert mesh.area == pytest.approx(enneper.area, rel=1e-3)
@@ -52,13 +46,13 @@ def test_a_surface_as_pyvista_has_the_exact_curvature_at_its_vertices(enneper: P
     assert (np.sum(mesh.cell_data["Normals"] * mesh.point_data["normal"][corner], axis=1) > 0.9).all()
 
 
-def test_a_mesh_as_pyvista_has_mean_curvature_and_its_own_attributes() -> None:
+def test_a_mesh_as_pyvista_has_mean_curvature_and_its_own_attributes():
     mesh = sphere().to_pyvista()
     np.testing.assert_allclose(mesh.point_data["mean_curvature"], 0.5, rtol=0.05)
     np.testing.assert_array_equal(np.ravel(mesh.point_data["heat"]), sphere().vertices[:, 0])
 
 
-def test_trimesh_has_the_same_vertices_and_faces(enneper: PlateauSolution) -> None:
+def test_trimesh_has_the_same_vertices_and_faces(enneper):
     patch = spinor_geom.mesh_patch(enneper)
     made = patch.to_trimesh()
     np.testing.assert_array_equal(made.vertices, patch.vertices)
@@ -66,13 +60,13 @@ def test_trimesh_has_the_same_vertices_and_faces(enneper: PlateauSolution) -> No
     np.testing.assert_allclose(enneper.to_trimesh().vertex_normals, enneper.surface.normal(patch.points), atol=1e-9)
 
 
-def test_a_filled_mesh_converts_closed(filled: FillResult) -> None:
+def test_a_filled_mesh_converts_closed(filled):
     made = filled.to_trimesh()
     assert made.is_watertight
     assert len(made.faces) == len(filled.original.faces) + len(filled.extension.faces)
 
 
-def test_gltf_has_curvature_as_colours(enneper: PlateauSolution, tmp_path: Path) -> None:
+def test_gltf_has_curvature_as_colours(enneper, tmp_path):
     enneper.to_gltf(tmp_path / "enneper.glb")
     patch = spinor_geom.mesh_patch(enneper)
     (read,) = trimesh.load(tmp_path / "enneper.glb").geometry.values()
@@ -87,9 +81,7 @@ def test_gltf_has_curvature_as_colours(enneper: PlateauSolution, tmp_path: Path)
 
 
 @pytest.mark.slow
-def test_what_a_notebook_shows_is_a_page_of_its_own_and_drawn(
-    enneper: PlateauSolution, filled: FillResult, chromium: Any, tmp_path: Path
-) -> None:
+def test_what_a_notebook_shows_is_a_page_of_its_own_and_drawn(enneper, filled, chromium, tmp_path):
     shown = {"surface": enneper.surface, "fill": filled}
     frames = {name: one._repr_html_() for name, one in shown.items()}
     for other in (enneper, filled.original):
@@ -114,7 +106,7 @@ def test_what_a_notebook_shows_is_a_page_of_its_own_and_drawn(
         assert opened.foreign == []
 
 
-def test_a_fill_is_shown_with_its_patches_and_a_table_of_its_loops() -> None:
+def test_a_fill_is_shown_with_its_patches_and_a_table_of_its_loops():
     _, report = fill_hole(tube(), return_report=True)
     frame = report._repr_html_()
     assert '"#f28e2b"' in json.dumps(data_of(html.unescape(frame)))  # the colour of patches

@@ -1,7 +1,5 @@
 """Meshes of fewer triangles."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import trimesh
@@ -12,7 +10,7 @@ from tests.edit.meshes import ball
 
 
 @pytest.mark.parametrize("shift", [0.0, 3.0])
-def test_a_thinned_mesh_has_the_same_shape_and_the_same_rims(shift: float) -> None:
+def test_a_thinned_mesh_has_the_same_shape_and_the_same_rims(shift):
     vertices, faces = ball(shift)
     fine = trimesh.Trimesh(vertices, faces, process=False).subdivide().subdivide().subdivide()
     vertices, faces = np.array(fine.vertices), np.array(fine.faces)
