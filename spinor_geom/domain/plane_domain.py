@@ -25,7 +25,9 @@ from spinor_geom.mesh.interpolation import piecewise_cubic, reversed_pieces
 # Panel ends beside a corner, in edge lengths from it: they resolve the singularity to 2⁻¹⁶ of an edge. The distance of
 # each panel from the poles at the corner, relative to its length, is that of an edge from its poles.
 TOWARDS_CORNER = 0.25 ** np.arange(1, 9)
-PARTS = 4  # pieces of an edge of ∂Ω in tests for self-crossings, and where integration paths leave Ω
+# Pieces of an edge that show its shape: in tests for self-crossings and narrow places, and where integration paths
+# leave Ω. With 2 rough curves take a third longer.
+PARTS = 4
 Vertices = Complex[np.ndarray, " m"]
 LogScale = Float[np.ndarray, " m"]
 

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 from spinor_geom.arrays import NUMPY
-from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary
+from spinor_geom.domain.plane_domain import PARTS, PlaneDomain, SplineBoundary
 from spinor_geom.domain.polygons import bound_domain
 from spinor_geom.errors import DomainError
 from spinor_geom.holomorphic.series import PowerSeries
@@ -99,9 +99,10 @@ def _region(problem: PlateauProblem, curves: Sequence[BoundaryCurve]) -> RouteRe
         for boundary, curve in zip(boundaries, rims, strict=True):
             t = _parameters(curve)
             away = np.linalg.norm(surface.position(boundary.point(t)) - curve.point(t), axis=1)
-            arcs = np.linalg.norm(curve.derivative(t), axis=1) * np.repeat(np.diff(curve.breaks), 4) / 4
-            tensors = CurveTensors.of(curve, NUMPY)
-            misfits.append(Misfit.from_distances(away, t, arcs, tensors, length=float(arcs.sum())))
+            arcs = np.linalg.norm(curve.derivative(t), axis=1) * np.repeat(np.diff(curve.breaks), PARTS) / PARTS
+            local = float((away / CurveTensors.of(curve, NUMPY).local_edge(t)).max())
+            rms = float(np.average(away**2, weights=arcs)) ** 0.5
+            misfits.append(Misfit(rms=rms, max=float(away.max()), max_per_local_edge=local, length=float(arcs.sum())))
         rims_result = None
         if len(curves) > 1:
             rims_result = RimsResult(
@@ -148,5 +149,5 @@ def _axis(normal: Float[np.ndarray, "3"]) -> Complex[np.ndarray, "3"]:
 
 
 def _parameters(curve: BoundaryCurve) -> Float[np.ndarray, " n"]:
-    """Four parameters on each piece of a curve."""
-    return (curve.breaks[:-1, None] + np.diff(curve.breaks)[:, None] * np.arange(4) / 4).ravel()
+    """`PARTS` parameters on each piece of a curve."""
+    return (curve.breaks[:-1, None] + np.diff(curve.breaks)[:, None] * np.arange(PARTS) / PARTS).ravel()

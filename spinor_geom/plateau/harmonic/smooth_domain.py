@@ -8,14 +8,13 @@ from scipy.interpolate import CubicSpline
 
 from spinor_geom.arrays import Place, shifted
 from spinor_geom.deadline import require_time
-from spinor_geom.domain.plane_domain import FourierBoundary
+from spinor_geom.domain.plane_domain import PARTS, FourierBoundary
 from spinor_geom.domain.polygons import is_simple, near_vertices
 from spinor_geom.errors import DomainError
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.harmonic.dirichlet import DirichletForm
 from spinor_geom.plateau.misfit import TURNS_BACK
 
-_OVERSAMPLING = 4  # samples per point or coefficient of a curve. With 2 rough curves take a third longer
 COARSE = 1e-4  # relative accuracy of Λ, and thus of coarse slides. With 1e-6 solves take 1.6 times as long
 _MOST_STEPS = 4096  # largest number n of steps of ∂Ω: Λ takes 16·n² bytes
 # Steps of ∂Ω per point, and width of the Gaussian that smooths ∂Ω, in points. The first pair that resolves ∂Ω is used.
@@ -42,7 +41,7 @@ class NodeDensity:
         total = 1 + float(more[-1])
         points = self.points = int(np.ceil(total * points))
         count = len(curve.breaks) - 1
-        n = _OVERSAMPLING * max(count, points)
+        n = PARTS * max(count, points)
         s = np.arange(n + 1) / n
         tangent = curve.derivative(s)
         tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
@@ -81,7 +80,7 @@ def _more_in_narrow_places(curve: BoundaryCurve, points: int) -> tuple[Float[np.
 
     The width at a point is its distance from the part of Γ that faces it. The density is 1 in wide places.
     """
-    n = _OVERSAMPLING * points
+    n = PARTS * points
     s = np.arange(n + 1) / n
     p, along = curve.point(s[:-1]), curve.length_share(s)
     edge = curve.length() / points
@@ -138,7 +137,7 @@ def rounded_boundary(
     """An analytic curve near a polygon: a spline through its vertices at parameters t, smoothed by a Gaussian."""
     spline = CubicSpline(np.append(t, t[0] + 1), np.append(polygon, polygon[0]), bc_type="periodic")
     highest = shape.steps // 4
-    n = 2 * _OVERSAMPLING * highest
+    n = 2 * PARTS * highest
     k = np.arange(-highest, highest + 1)
     coefficients = np.fft.fft(spline(np.arange(n) / n))[k] / n
     return FourierBoundary(coefficients * np.exp(-0.5 * (2 * np.pi * k * shape.width) ** 2), shape.count)
