@@ -79,24 +79,6 @@ class Misfit:
         )
 
     @classmethod
-    def from_distances(
-        cls,
-        distance: Float[Array, " k"],
-        slide: Float[Array, " k"],
-        weights: Float[Array, " k"],
-        curve: CurveTensors,
-        *,
-        length: float,
-    ) -> Misfit:
-        """The misfit of distances from Γ at parameters, weighted by arc length."""
-        return cls(
-            rms=(float(weights @ square(distance)) / length) ** 0.5,
-            max=float(distance.max()),
-            max_per_local_edge=float((distance / curve.local_edge(slide)).max()),
-            length=length,
-        )
-
-    @classmethod
     def together(cls, parts: Sequence[Misfit]) -> Misfit:
         """The misfit of several rims."""
         length = sum(part.length for part in parts)

@@ -130,24 +130,13 @@ class PlateauProblem:
         curves = iter(BoundaryCurve.from_loops([units[0] for units, _, _ in simple], quintic=options.is_quintic))
         problems: list[PlateauProblem | SpinorGeomError] = []
         for loop, one in zip(given, scaled, strict=True):
-            if isinstance(loop, SpinorGeomError):
-                problems.append(loop)
-                continue
             if isinstance(one, SpinorGeomError):
                 problems.append(one)
                 continue
-            units, centre, scale = one
-            steps = Steps(limit=options.max_iterations)
+            assert isinstance(loop, BoundaryLoop)
+            (units, centre, scale), steps, own = one, Steps(limit=options.max_iterations), (next(curves),)
             problems.append(
-                cls(
-                    loops=(loop,),
-                    units=units,
-                    curves=(next(curves),),
-                    centre=centre,
-                    scale=scale,
-                    options=options,
-                    steps=steps,
-                )
+                cls(loops=(loop,), units=units, curves=own, centre=centre, scale=scale, options=options, steps=steps)
             )
         return problems
 
