@@ -53,8 +53,6 @@ FEWEST_NODES = 256
 # Distance of a coarse surface over a smooth loop, in edges, beyond which a finer disk is flattened. Of 106 random loops
 # that have less, all but one converge on the first Ω. Of 31 that have more, 5 do, and 9 on the Ω of the finer disk.
 _FAR = 0.01
-# Most steps of a slide on a domain, times the square of the steps of ∂Ω, by which the time of a step grows: a second
-_MOST_WORK = 5e7
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -158,7 +156,7 @@ class HarmonicSolver:
                 form,
                 start[None],
                 tolerances=[COARSE],
-                max_steps=[self.most_steps(form)],
+                max_steps=[self.most_steps],
                 negligible=[self.negligible_energy(form)],
                 on_step=[self.take],
             )
@@ -253,12 +251,10 @@ class HarmonicSolver:
         is_quick = form.is_disk and not self.is_rough
         return 0.0 if is_quick else negligible_energy(len(self.problem.unit), self.problem.allowed)
 
-    def most_steps(self, form: DirichletForm) -> int:
-        """Largest number of steps of a slide, which on a domain other than the disk cost the square of its steps."""
-        most = MOST_STEPS
-        if form.correction is not None and not self.is_rough:
-            most = min(most, max(1, int(_MOST_WORK / len(form.correction) ** 2)))
-        return min(most, self.problem.steps.left)
+    @property
+    def most_steps(self) -> int:
+        """Largest number of steps of a slide."""
+        return min(MOST_STEPS, self.problem.steps.left)
 
     def may_meet(self, misfit: Misfit, nodes: int) -> bool:
         """Whether the largest number of nodes would meet the tolerance over a smooth loop.
@@ -364,7 +360,7 @@ def _advance(fits: Sequence[DiskFit]) -> None:
         form,
         namespace(fits[0].slide).stack([resampled(fit.slide, nodes) for fit in fits]),
         tolerances=[fit.solver.fine_gradient for fit in fits],
-        max_steps=[fit.solver.most_steps(form) for fit in fits],
+        max_steps=[fit.solver.most_steps for fit in fits],
         near=fits[0].attempt > 0,
         negligible=[fit.solver.negligible_energy(form) for fit in fits],
         on_step=[fit.solver.take for fit in fits],
