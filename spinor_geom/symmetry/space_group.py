@@ -78,7 +78,7 @@ def _new(
     size: float,
     lattice: Float[np.ndarray, "rank 3"] = _NO_LATTICE,
 ) -> Isometries:
-    """The isometries whose images of the piece differ from those of known ones and from each other, modulo a lattice.
+    """The isometries whose images of the piece differ from each other, and from those of known ones modulo a lattice.
 
     Images are equal if their centres and the sets of their corners are. `points` are the centre of the rims, and the
     corners.
@@ -87,6 +87,7 @@ def _new(
     for k in range(len(known), len(images)):
         away = images[k, 0] - images[kept, 0]
         shift = np.round(away @ np.linalg.pinv(lattice)) @ lattice
+        shift[len(known) :] = 0
         near = np.linalg.norm(away - shift, axis=1) < _CLOSE * size
         others = images[kept[near]] + shift[near, None]
         gaps = np.linalg.norm(images[k, :, None] - others[:, None], axis=3).min(axis=1).max(axis=1)

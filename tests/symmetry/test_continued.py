@@ -128,3 +128,9 @@ def test_a_surface_without_periods_is_continued_as_a_whole() -> None:
     assert len(whole.copies) == 2
     assert len(whole.lattice) == 0
     assert whole.area == pytest.approx(2 * half.area)
+
+
+def test_a_cell_is_compact() -> None:
+    # of representatives that differ by a translation the nearest one is taken: few sides are left open
+    cell, piece = p_triangle().continued("cell").mesh(0.3), p_triangle().continued(0).mesh(0.3)
+    assert len(boundary_edges(cell.faces)) < 0.12 * 48 * len(boundary_edges(piece.faces))
