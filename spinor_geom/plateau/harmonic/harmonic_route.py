@@ -151,7 +151,7 @@ class HarmonicSolver:
             if self.is_rough and not is_fine:
                 # smoothed, because Ω has too few nodes to resolve the curvature of Γ
                 curve = CurveTensors.of(self.problem.curve.smoothed(1 / self._density.points), place)
-            (disk,) = minimise_dirichlet_energies(
+            (found,) = minimise_dirichlet_energies(
                 CurveTensors.batch([curve]),
                 form,
                 start[None],
@@ -160,11 +160,11 @@ class HarmonicSolver:
                 negligible=[self.negligible_energy(form)],
                 on_step=[self.take],
             )
-        if disk is None:
+        if found is None:
             raise OutOfTimeError
-        if disk.crowded:
+        if found.crowded:
             raise DomainError("the nodes crowd on the domain's boundary", vertices=len(unit))
-        return self._fit(form, disk.slide)
+        return self._fit(form, found.slide)
 
     @cached_property
     def _density(self) -> NodeDensity:
