@@ -55,6 +55,8 @@ class Continuation:
         around: the bend between neighbouring faces of the mesh, in three rings around the hole.
         order: the functional minimised: "curvature" ∫H² + ℓ²|∇H|², "thin plate" ∫|Δx|² over the surface before.
         lowered: why the thin plate was used, as the end of a sentence, or empty if it was not.
+        is_coarse: whether its triangles are larger than asked for, because of a limit on time or on vertices, or
+            because smaller ones were not as good.
         steps: number of Newton steps.
         converged: whether the next step would move no vertex by more than 0.01 of a mean edge of the patch.
         next_step: the largest displacement of a vertex in the next step, in mean edges of the patch.
@@ -75,6 +77,7 @@ class Continuation:
     around: Bend
     order: Order
     lowered: str
+    is_coarse: bool
     steps: int
     converged: bool
     next_step: float
@@ -97,6 +100,7 @@ class Continuation:
             around=collar.bend,
             order=faired.order,
             lowered=faired.lowered,
+            is_coarse=faired.is_coarse,
             steps=faired.steps,
             converged=faired.converged,
             next_step=faired.next_step,
@@ -138,10 +142,13 @@ class Continuation:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Remarks on a thin plate, a large area, a large bend and thin triangles."""
+        """Remarks on a thin plate, large triangles, a large area, a large bend and thin triangles."""
         found = []
         if self.lowered:
             found.append(f"the patch is a thin plate, because the continuation of the mean curvature {self.lowered}")
+        if self.is_coarse:
+            why = "the limit on time or on vertices, or smaller ones were not as good"
+            found.append(f"the triangles of the patch are larger than asked for ({why})")
         if self.area_ratio > MOST_AREA:
             found.append(f"the patch has {self.area_ratio:.2g} times the area of the surface it started from")
         if self.has_kink:
@@ -283,8 +290,9 @@ def _refined(faired: Faired, collar: Collar, lengths: EdgeLengths) -> Faired:
         fine = finer(faired.patch)
         again = thin_plate(fine, collar) if faired.order == "thin plate" else _minimised(fine, collar, finer)
         if _rank(again)[:2] <= _rank(faired)[:2]:
-            return replace(again, steps=faired.steps + again.steps, lowered=faired.lowered)
-    return faired
+            is_same = fine is faired.patch
+            return replace(again, steps=faired.steps + again.steps, lowered=faired.lowered, is_coarse=is_same)
+    return replace(faired, is_coarse=lengths != GRADED or is_out_of_time())
 
 
 def _wanted(patch: Patch) -> Float[np.ndarray, " n"]:

@@ -55,6 +55,7 @@ class Faired:
     stretch: float  # largest ratio of an edge's lengths after and before
     order: Order = "curvature"
     lowered: str = ""
+    is_coarse: bool = False
 
     @property
     def converged(self) -> bool:

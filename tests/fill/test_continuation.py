@@ -447,3 +447,11 @@ def test_the_bend_is_the_angle_between_the_faces_at_the_rim() -> None:
         vertices[-1, 2] += tip * np.sign(loop.centroid[2])
         bend = bend_across(collar, replace(lid, vertices=vertices))
         np.testing.assert_allclose([bend.largest, bend.rms], angle, rtol=1e-9)
+
+
+@pytest.mark.parametrize("limit", [1.0, 3.0])
+def test_triangles_that_a_limit_leaves_larger_are_told(limit: float) -> None:
+    bowl = bowl_below(0.3, 4)
+    _, report = fill_hole(bowl, continuity="C1", target_edge_length=0.006, time_limit=limit, return_report=True)
+    (outcome,) = report.loops
+    assert outcome.faces_added > 250_000 or outcome.remarks or outcome.reason
