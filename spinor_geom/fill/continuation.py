@@ -64,6 +64,7 @@ class Continuation:
         smallest_angle: of all triangles, in degrees.
         smallest_rim_angle: the smallest angle, in degrees, between two edges of the rim that belong to one triangle.
             None if there is no such triangle. No triangulation has larger angles there.
+        folds: number of edges of the patch across which the normal turns by more than 90°. They end at the rim.
         correlation_length: ℓ, the length over which the mean curvature of the mesh around changes, in mesh units.
         roughness: variance of that curvature between neighbours, divided by its total variance: 0 on a smooth mesh, 1
             and more in noise, which is not continued.
@@ -84,6 +85,7 @@ class Continuation:
     area_ratio: float
     smallest_angle: float
     smallest_rim_angle: float | None
+    folds: int
     correlation_length: float
     roughness: float
     creased: int
@@ -142,7 +144,7 @@ class Continuation:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Remarks on a thin plate, large triangles, a large area, a large bend and thin triangles."""
+        """Remarks on a thin plate, large triangles, a large area, a large bend, folds and thin triangles."""
         found = []
         if self.lowered:
             found.append(f"the patch is a thin plate, because the continuation of the mean curvature {self.lowered}")
@@ -159,6 +161,8 @@ class Continuation:
         if inside > _MOST_BENT * self.around.rms + _SLIGHT_BEND:
             degrees = f"{inside:.2g}° from face to face, the mesh around by {self.around.rms:.2g}°"
             found.append(f"for edges as long as around it, the patch bends by {degrees}")
+        if self.folds:
+            found.append(f"teeth of the rim fold the patch at {self.folds} of its edges")
         if self.smallest_angle < SMALLEST_ANGLE:
             where = ", between two edges of the rim" if self.smallest_angle == self.smallest_rim_angle else ""
             found.append(f"the smallest angle of the patch's triangles is {self.smallest_angle:.2g}°{where}")
@@ -181,6 +185,7 @@ def _angles_of(patch: Patch) -> dict[str, Any]:
         "inside": bend_inside(patch),
         "smallest_angle": min(rim, patch.angles.smallest_free),
         "smallest_rim_angle": rim if np.isfinite(rim) else None,
+        "folds": patch.angles.folds // 2,
     }
 
 

@@ -139,6 +139,19 @@ def test_a_kink_is_remarked() -> None:
     assert any("the patch meets the mesh at" in remark for remark in outcome.remarks)
 
 
+def test_folds_are_remarked() -> None:
+    _, outcome = continued(cylinder(32, 4, half=1.0), loop=0)
+    assert outcome.continuation.folds == 0
+    patch = outcome.patch
+    assert not any("fold" in remark for remark in outcome.remarks)
+    # an inner vertex that was moved beyond all others folds the faces around it
+    vertices = patch.vertices.copy()
+    vertices[patch.boundary_size] += 5 * (vertices[0] - vertices[patch.boundary_size // 2])
+    folded = outcome.continuation.with_angles_of(replace(patch, vertices=vertices))
+    assert folded.folds > 0
+    assert f"fold the patch at {folded.folds} of its edges" in " ".join(folded.remarks)
+
+
 def test_a_large_kink_is_not_called_smooth() -> None:
     # over a steep cone a thin plate is nearly the film
     cone = rounds_and_rows(lambda a, r: (r * np.cos(a), r * np.sin(a), r / 2), 8, np.linspace(1, 1 / 13, 13))
