@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from spinor_geom.arrays import EPS
 from spinor_geom.domain.plane_domain import TOWARDS_CORNER, PlaneDomain, SplineBoundary
 from spinor_geom.domain.quadrature import rule
-from spinor_geom.errors import MeshShapeError, OptionError, SurfaceError
+from spinor_geom.errors import OptionError, SurfaceError
 from spinor_geom.mesh.array_checks import frozen
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, diagonals
 from spinor_geom.mesh.curve import BoundaryCurve
@@ -53,11 +53,8 @@ class MirrorPlanes:
 
     @classmethod
     def of(cls, planes: ArrayLike) -> MirrorPlanes:
-        """The planes through points with normals, (k, 2, 3). Raises an OptionError for others."""
-        try:
-            given = frozen(planes, "real numbers", None, 2, 3, name="planes of symmetry")
-        except MeshShapeError:
-            given = np.empty(0)
+        """The planes through points with normals, (k, 2, 3). Raises an OptionError or a MeshShapeError for others."""
+        given = frozen(planes, "real numbers", None, 2, 3, name="planes as pairs (point, normal)")
         if not 1 <= len(given) <= 3 or not np.isfinite(given).all():
             raise OptionError("planes of symmetry must be one to three pairs (point, normal) of finite numbers")
         length = np.linalg.norm(given[:, 1], axis=1)

@@ -147,6 +147,7 @@ def solve_plateau(
         sorted by area, each with its Morse index.
 
     Raises:
+        MeshShapeError: `mirror` has no pairs of a point and a normal.
         OptionError: an unknown model or optimizer, a value out of range, incompatible options, or an argument that is
             not a curve.
         FirstFillError: no discrete disk over the loop was found.
