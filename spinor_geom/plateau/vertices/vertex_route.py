@@ -19,6 +19,7 @@ from jaxtyping import Complex, Float, Int
 
 from spinor_geom.arrays import Array, namespace, norm, place_of, shifted, square, to_numpy
 from spinor_geom.deadline import is_out_of_time
+from spinor_geom.discrete.first_fill import LONGEST
 from spinor_geom.discrete.minimal_surface import first_disk
 from spinor_geom.domain.flattening import Flattening, flatten
 from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary
@@ -44,9 +45,9 @@ from spinor_geom.surface.interior import RimPrimitive
 
 # Largest distance of a start from the points, and of Γ from the rim's edges, in mean edges. One in seven rims cut along
 # triangles exceeds half of it. Along a rim the errors of a start's edges add up like a random walk, so starts of more
-# than _SHORT points may be farther away: 3.4 for 1,200 points with noise of 30 % of an edge, where Newton's method
+# than `LONGEST` points may be farther away: 3.4 for 1,200 points with noise of 30 % of an edge, where Newton's method
 # still converges. For rims of scans it did not converge from starts beyond this limit.
-_FAR, _SHORT = 2.0, 300
+_FAR = 2.0
 
 
 def disk_through_points(problem: PlateauProblem) -> RouteResult:
@@ -117,7 +118,7 @@ def _fitted(
     wanted = place_of(start).put(problem.unit.divided[0])
     here = Passing(basis=basis, points=(wanted,), raw=basis.raw(readout))
     in_edges = here.distance / problem.unit.mean_edge_length
-    if not in_edges <= _FAR * max(1.0, len(wanted) / _SHORT) ** 0.5:
+    if not in_edges <= _FAR * max(1.0, len(wanted) / LONGEST) ** 0.5:
         raise SurfaceError(
             "the flattened discrete disk over the loop is too far from conformal: p and q of its frames give "
             f"a surface {in_edges:.0f} edges away from the points"
