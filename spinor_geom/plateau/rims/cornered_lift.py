@@ -243,21 +243,26 @@ class CorneredLift:
     def _boundaries(self) -> tuple[SplineBoundary, ...]:
         """The circles, from their first corners on."""
         circles, boundaries = self.surface.form.circles, []
-        # of edges towards a corner with an angle below 180°; panels are shorter
+        # of edges towards a corner, unless its angle is above 180°; panels are shorter
         levels = round(self.surface.form.rims.resolution.depth / math.log(4)) - len(TOWARDS_CORNER) // 2
         for rim, (centre, radius, sign) in enumerate(zip(circles.centres, circles.radii, circles.signs, strict=True)):
             arguments = self._ends(rim)
             parts = []
-            sides = (side for side in self.surface.form.rims.sides if side.rim == rim)
-            for (start, end), side in zip(pairwise(arguments.tolist()), sides, strict=True):
+            own = [side for side in self.surface.form.rims.sides if side.rim == rim]
+            for (start, end), side in zip(pairwise(arguments.tolist()), own, strict=True):
                 even = self._edges(rim, start, end)
                 near = 0.25 ** np.arange(levels, 0, -1)
                 ahead, back = (
-                    length * near[: levels * (exponent < 1)]
+                    length * near[: levels * (exponent <= 1)]
                     for length, exponent in zip((even[1] - start, end - even[-2]), side.exponents, strict=True)
                 )
                 parts.append(np.concatenate([[start], start + ahead, even[1:-1], end - back[::-1]]))
-            corners = np.concatenate([np.arange(len(part)) == 0 for part in parts]) & self._has_corners(rim)
+            corners = np.concatenate(
+                [
+                    (np.arange(len(part)) == 0) & (side.corners is not None and side.exponents[0] != 1)
+                    for part, side in zip(parts, own, strict=True)
+                ]
+            )
             at = np.append(np.concatenate(parts), arguments[-1])
             k = np.arange(_DEGREE, -1, -1)[:, None]
             slopes = (2j * np.pi * sign) ** k / [[math.factorial(power)] for power in k.ravel()]

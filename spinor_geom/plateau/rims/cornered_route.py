@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Complex, Float
 
-from spinor_geom.arrays import EPS, NUMPY, to_numpy, unit
+from spinor_geom.arrays import EPS, NUMPY, norm, to_numpy, unit
 from spinor_geom.domain.plane_domain import panel_breaks
 from spinor_geom.errors import OutOfTimeError, SurfaceError
 from spinor_geom.holomorphic.cauchy import sign_changing
@@ -37,6 +37,9 @@ from spinor_geom.plateau.steps import SPENT
 _FREQUENCIES = 20, 96  # least and largest number of frequencies of a rim without corners
 _SPECTRUM = 1e-7  # share of the amplitude of Γ above the frequencies of the slide, which has half of them
 _SAMPLES = 256  # of Γ for its spectrum
+# Arcs of Γ, by samples of its tangents: parts that bend that much more than a circle, and turn by more than an angle
+_FINE_SAMPLES, _SHARP, _LEAST_TURN = 4096, 2.5, 0.5
+_APART = 1e-2  # least distance of an arc from corners, as a share of Γ
 # Share of the allowed distance to reach if finer corners do. They take as long as all before.
 _WELL_BELOW = 1e-2
 _ANGLES_SHOW = 1e-2  # relative decrease of the energy at which the slides show the angles of the surface at corners
@@ -119,8 +122,9 @@ class _Start:
         slides, z = to_numpy(here.slides), to_numpy(here.domain.circles(here.slides.shape[1]))
         centres = np.append(0.0, to_numpy(here.domain.centres))
         log_radii = np.append(0.0, to_numpy(here.domain.log_radii))
-        rim_of_corner = np.repeat(np.arange(len(curves)), [np.count_nonzero(curve.corners) for curve in curves])
-        at_corners = map(_arguments, curves, slides, _unwrapped(z, centres))
+        corners = list(map(_corners, curves))
+        rim_of_corner = np.repeat(np.arange(len(curves)), [len(own) for own in corners])
+        at_corners = map(_arguments, corners, slides, _unwrapped(z, centres))
         circles, points = Circles(
             centres=centres, log_radii=log_radii, arguments=np.concatenate(list(at_corners))
         ).spread(rim_of_corner)
@@ -136,7 +140,7 @@ class _Start:
 
     @cached_property
     def _corners(self) -> list[Float[np.ndarray, " _"]]:
-        return [curve.breaks[:-1][curve.corners] for curve in self.curves]
+        return list(map(_corners, self.curves))
 
     @cached_property
     def exponents(self) -> Float[np.ndarray, " c"]:
@@ -168,7 +172,8 @@ class _Start:
         near = far < 0.25 * np.diff(np.append(corners, corners[:1] + 1))[:, None]
         outwards = near @ self.normals[rim]
         is_reflex = (outwards * bisectors).sum(axis=1) > 0
-        return np.asarray(np.where(is_reflex, 2 * np.pi - angles, angles) / np.pi)
+        exponents = np.where(is_reflex, 2 * np.pi - angles, angles) / np.pi
+        return np.where(np.isin(corners, curve.breaks[:-1][curve.corners]), exponents, 1.0)
 
     def _modes(self, side: Side) -> Float[np.ndarray, " k"]:
         """Coefficients of the modes of a slide: those of a rim without corners, else 0.
@@ -190,11 +195,26 @@ def _around(values: Float[np.ndarray, " n"], period: float) -> Float[np.ndarray,
     return np.concatenate([values - period, values, values + period])
 
 
+def _corners(curve: BoundaryCurve) -> Float[np.ndarray, " c"]:
+    """Parameters of a curve's corners, and of the middles of arcs that look like corners from afar."""
+    tangents = unit(curve.derivative(np.arange(_FINE_SAMPLES) / _FINE_SAMPLES))
+    turns = norm(np.roll(tangents, -1, axis=0) - tangents)
+    first = int(turns.argmin())  # outside of arcs
+    turns = np.roll(turns, -first)
+    is_sharp, turned = turns > _SHARP * 2 * np.pi / _FINE_SAMPLES, np.cumsum(turns)
+    ends = np.flatnonzero(np.diff(is_sharp, prepend=False, append=False)).reshape(-1, 2)
+    angles = turned[ends - [0, 1]]
+    arcs = np.searchsorted(turned, angles.mean(axis=1)[np.ptp(angles, axis=1) > _LEAST_TURN])
+    arcs = (first + arcs) / _FINE_SAMPLES % 1
+    corners = curve.breaks[:-1][curve.corners]
+    are_apart = np.abs((arcs[:, None] - corners + 0.5) % 1 - 0.5) > _APART
+    return np.sort(np.append(corners, arcs[are_apart.all(axis=1)]))
+
+
 def _arguments(
-    curve: BoundaryCurve, slides: Float[np.ndarray, " n"], arguments: Float[np.ndarray, " n"]
+    corners: Float[np.ndarray, " c"], slides: Float[np.ndarray, " n"], arguments: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, " c"]:
     """Arguments of the images of a curve's corners."""
-    corners = curve.breaks[:-1][curve.corners]
     lifted = corners + np.ceil(slides[0] - corners[:1])
     return np.asarray(np.interp(lifted, _around(slides, 1.0), _around(arguments, 2 * np.pi)))
 
