@@ -57,6 +57,9 @@ class Collar:
         np.ndarray, "w 3 3"
     ]  # of the vertices of the ring: dN·dN for the unit normals N of the mesh: squared curvatures
     creased: int  # number of boundary vertices at creases
+    crease_ends: Int[np.ndarray, " k"]  # boundary vertices at which the creases beyond the boundary end
+    crease_directions: Float[np.ndarray, "k 3"]  # unit vectors along these creases, into the hole
+    crease_angles: Float[np.ndarray, " k"]  # between the faces there, in radians
     bend: Bend  # between neighbouring faces of the three rings
 
     @property
@@ -91,7 +94,10 @@ def collar_of(patched: PatchedMesh, rim: Int[np.ndarray, " m"], patch: Patch) ->
     lengths = np.linalg.norm(vertices[half_edges.origin] - vertices[half_edges.target], axis=1)
     largest = np.zeros(m)
     np.maximum.at(largest, half_edges.origin[leaves], angles[leaves])
-    creased[half_edges.origin[angles > max(CREASE, _SHARPER * largest.mean())]] = True
+    crease = max(CREASE, _SHARPER * float(largest.mean()))
+    creased[half_edges.origin[angles > crease]] = True
+    reaching = leaves[angles[leaves] > crease]
+    along = vertices[half_edges.origin[reaching]] - vertices[half_edges.target[reaching]]
     bends &= ~creased
     bending = Bending.of(vertices, faces)
     third_form = _third_form(vertices, faces, bending.normals)
@@ -118,6 +124,9 @@ def collar_of(patched: PatchedMesh, rim: Int[np.ndarray, " m"], patch: Patch) ->
         variation=variation,
         third_form=third_form,
         creased=int(creased[:m].sum()),
+        crease_ends=half_edges.origin[reaching],
+        crease_directions=along / lengths[reaching, None],
+        crease_angles=angles[reaching],
         bend=bend,
     )
 

@@ -64,11 +64,13 @@ class Continuation:
         smallest_angle: of all triangles, in degrees.
         smallest_rim_angle: the smallest angle, in degrees, between two edges of the rim that belong to one triangle.
             None if there is no such triangle. No triangulation has larger angles there.
-        folds: number of edges of the patch across which the normal turns by more than 90°. They end at the rim.
+        folds: number of edges of the patch across which the normal turns by more than 90°. They end at the rim,
+            or are a crease that was continued.
         correlation_length: ℓ, the length over which the mean curvature of the mesh around changes, in mesh units.
         roughness: variance of that curvature between neighbours, divided by its total variance: 0 on a smooth mesh, 1
             and more in noise, which is not continued.
         creased: number of rim vertices at creases of the mesh, where the patch may bend freely.
+        crease: the angle, in degrees, between the faces at a crease that was continued through the patch, or 0.
     """
 
     started_from: Start
@@ -89,10 +91,19 @@ class Continuation:
     correlation_length: float
     roughness: float
     creased: int
+    crease: float
 
     @classmethod
     def of(
-        cls, faired: Faired, collar: Collar, *, start: Start, before: Bend, after: Bend, area_ratio: float
+        cls,
+        faired: Faired,
+        collar: Collar,
+        *,
+        start: Start,
+        before: Bend,
+        after: Bend,
+        area_ratio: float,
+        crease: float,
     ) -> Continuation:
         """The figures of a faired patch and its collar."""
         return cls(
@@ -111,6 +122,7 @@ class Continuation:
             correlation_length=collar.length,
             roughness=collar.roughness,
             creased=collar.creased,
+            crease=crease,
         )
 
     def with_angles_of(self, patch: Patch) -> Continuation:
@@ -161,7 +173,7 @@ class Continuation:
         if inside > _MOST_BENT * self.around.rms + _SLIGHT_BEND:
             degrees = f"{inside:.2g}° from face to face, the mesh around by {self.around.rms:.2g}°"
             found.append(f"for edges as long as around it, the patch bends by {degrees}")
-        if self.folds:
+        if self.folds and not self.crease:
             found.append(f"teeth of the rim fold the patch at {self.folds} of its edges")
         if self.smallest_angle < SMALLEST_ANGLE:
             where = ", between two edges of the rim" if self.smallest_angle == self.smallest_rim_angle else ""

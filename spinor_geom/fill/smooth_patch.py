@@ -22,6 +22,7 @@ from spinor_geom.errors import (
 )
 from spinor_geom.fill.collar import Bend, Collar, bend_across, collar_of
 from spinor_geom.fill.continuation import Continuation, continue_patch
+from spinor_geom.fill.creased import continue_across_crease
 from spinor_geom.fill.fairing import SMALLEST_ANGLE
 from spinor_geom.fill.new_patch import NewPatch
 from spinor_geom.fill.patched_mesh import PatchedMesh, patch_chords
@@ -52,6 +53,8 @@ def smooth_patch(
     is_choice: bool,
 ) -> NewPatch:
     """The continuation of a mesh by a patch, without intersections that can be avoided.
+
+    A single crease of the mesh goes on through the patch (`continue_across_crease`).
 
     The continuation is good if it has converged without folds and without a kink of more than 65° at the rim, and has
     no intersections, few replaced faces, and not far more area than a spherical cap. Its angles must be at least 10°,
@@ -106,7 +109,8 @@ def _continued(patched: PatchedMesh, start: NewPatch, collar: Collar, before: Be
     """The continuation from a patch. Raises as `continue_patch`, or a SurfaceError if nothing can move."""
     if len(start.patch.vertices) == len(start.rim):
         raise SurfaceError("it has no inner vertices; a shorter target_edge_length (--edge-length) makes some")
-    faired = continue_patch(start.patch, collar, lengths)
+    creased = continue_across_crease(patched, start.rim, start.patch, collar, lengths)
+    faired = creased or continue_patch(start.patch, collar, lengths)
     faired = replace(faired, patch=patched.as_stored(faired.patch, start.rim))
     continuation = Continuation.of(
         faired,
@@ -115,6 +119,7 @@ def _continued(patched: PatchedMesh, start: NewPatch, collar: Collar, before: Be
         before=before,
         after=bend_across(collar, faired.patch),
         area_ratio=faired.patch.area / start.patch.area,
+        crease=float(np.degrees(collar.crease_angles.max())) if creased else 0.0,
     )
     return replace(start, patch=faired.patch, reason="", continuation=continuation)
 
@@ -136,7 +141,7 @@ def _defect(smooth: NewPatch) -> str:
     assert continuation is not None
     if not continuation.converged:
         return continuation.reason
-    if smooth.patch.angles.largest_bend > 90:  # teeth of the rim may fold the faces beside them
+    if smooth.patch.angles.largest_bend > 90 + continuation.crease:  # teeth of the rim may fold the faces beside them
         return "it is folded"
     if continuation.has_kink and continuation.after.rms > FILM_FROM:
         return f"it meets the mesh at {continuation.after.rms:.0f}° (RMS)"

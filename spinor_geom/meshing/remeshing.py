@@ -48,7 +48,7 @@ def remesh(
     """
     old, m = np.asarray(patch.faces), patch.boundary_size
     vertices, faces = _remeshed(patch, patch.vertices, old, m, lengths, taken, smoothings=_SMOOTHINGS, wanted=wanted)
-    points = np.concatenate([patch.points[:m], _points_at(patch, old, vertices[m:])])
+    points = np.concatenate([patch.points[:m], points_at(patch, old, vertices[m:])])
     return replace(patch, vertices=vertices, faces=faces, points=points, is_complete=True)
 
 
@@ -90,7 +90,7 @@ def remesh_region(
     remeshed = replace(
         patch,
         vertices=np.concatenate([patch.vertices[kept], new]),
-        points=np.concatenate([patch.points[kept], _points_at(patch, inside, new)]),
+        points=np.concatenate([patch.points[kept], points_at(patch, inside, new)]),
         faces=np.concatenate([number[outside], numbers[faces]]),
     )
     return remeshed, np.where(region, -1, np.cumsum(~region) - 1)
@@ -138,7 +138,7 @@ def _remeshed(
     return np.concatenate([vertices[:fixed], new]), made[: counts[1]].copy()
 
 
-def _points_at(patch: Patch, faces: Faces, positions: Positions) -> Complex[np.ndarray, " k"]:
+def points_at(patch: Patch, faces: Faces, positions: Positions) -> Complex[np.ndarray, " k"]:
     """Positions in Ω of the points of some faces of a patch that are nearest to positions in space."""
     _, face, nearest = nearest_on_mesh(positions, patch.vertices, faces)
     corners = faces[face]

@@ -202,14 +202,44 @@ def test_a_border_near_the_rim_does_not_hold_the_patch_back() -> None:
     assert rms(heights(new)) < 1e-3
 
 
-def test_nothing_goes_on_across_a_crease() -> None:
+def cube_without(middle: list[float]) -> Mesh:
+    """The surface of a cube of edge length 2, without the faces near a point of it."""
     sides = TriangleMesh(*box(12, 12)).merged(1e-9)[0]
     whole = 2 * sides.vertices - 1, sides.faces
-    # the hole lies over an edge of the cube: what went on with both sides would have a ridge outside
-    mesh = without(whole, np.linalg.norm(centres(whole) - [1, 1, 0], axis=1) < 0.5)
-    new, outcome = continued(mesh)
+    return without(whole, np.linalg.norm(centres(whole) - middle, axis=1) < 0.5)
+
+
+def test_an_edge_of_a_cube_goes_on() -> None:
+    new, outcome = continued(cube_without([1, 1, 0]))
     assert outcome.continuation.creased == 2
+    assert outcome.continuation.crease == pytest.approx(90)
+    assert not outcome.continuation.remarks  # the edge of the cube is no fold
+    np.testing.assert_allclose(np.abs(new).max(axis=1), 1, atol=1e-9)
+    assert (np.sort(np.abs(new), axis=1)[:, 1] > 1 - 1e-9).sum() > 2  # vertices on the edge itself
+
+
+def test_nothing_goes_on_across_the_creases_of_a_corner() -> None:
+    # what went on with the three sides would have ridges outside
+    new, outcome = continued(cube_without([1, 1, 1]))
+    assert outcome.continuation.creased == 3
+    assert outcome.continuation.crease == 0
     assert np.abs(new).max() <= 1 + 1e-9
+
+
+def test_the_round_edge_of_a_disk_goes_on() -> None:
+    # a tube of radius 1 and the disk at its end
+    radii = np.concatenate([np.ones(13), np.linspace(1, 0.2, 7)[1:]])
+    heights = np.concatenate([np.linspace(-1, 1, 13), np.ones(6)])
+    rows = np.arange(len(radii))
+    whole = rounds_and_rows(lambda a, k: (radii[k] * np.cos(a), radii[k] * np.sin(a), heights[k]), 40, rows)
+    mesh = without(whole, np.linalg.norm(centres(whole) - [1, 0, 1], axis=1) < 0.6)
+    rim = next(loop for loop in boundary_loops(mesh) if loop.centroid[0] > 0.5)
+    new, outcome = continued(mesh, loop=rim)
+    assert outcome.continuation.crease == pytest.approx(90)
+    r, z = np.hypot(new[:, 0], new[:, 1]), new[:, 2]
+    from_tube, from_disk = np.hypot(r - 1, np.maximum(z - 1, 0)), np.hypot(z - 1, np.maximum(r - 1, 0))
+    # the tube has 40 sides, whose distance from a cylinder is up to 0.003. Without the crease the distance is 0.04
+    assert rms(np.minimum(from_tube, from_disk)) < 0.01
 
 
 @pytest.mark.parametrize("sides", [4, 6, 12])
