@@ -226,7 +226,12 @@ def nurbs_surface(solution: PlateauSolution, tolerance: float) -> NurbsSurface:
     elif not is_met:
         reason = (
             f"{reason}, but the rims are moved by the boundary residual of the solution, {moved / diagonal:.1e} of the "
-            f"diagonal, above the tolerance {tolerance:.1e}: solve with a smaller tolerance"
+            f"diagonal, above the tolerance {tolerance:.1e}: "
+            + (
+                "solve with a smaller tolerance"
+                if solution.solved_to is None
+                else "no solve in the given time was nearer"
+            )
         )
     elif not within:
         reason = f"{reason}, above the tolerance {tolerance:.1e}: more control points were not tried"

@@ -157,6 +157,12 @@ def test_refinement_ends_at_the_residual_of_the_solution() -> None:
     assert surface.size < 10_000  # 11,677 without the end
 
 
+def test_no_smaller_tolerance_is_advised_where_one_was_tried_in_vain() -> None:
+    solution = spinor_geom.solve_plateau(curves.l_shape(0.5))
+    surface = replace(solution, solved_to=lambda tolerance: solution).to_nurbs(tolerance=1e-6)
+    assert "no solve in the given time was nearer" in surface.reason
+
+
 def test_a_solve_is_continued_to_the_tolerance_of_patches() -> None:
     solution = spinor_geom.solve_plateau(gallery.random_curve(26))
     missed = solution.boundary_residual
