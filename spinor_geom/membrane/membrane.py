@@ -158,7 +158,7 @@ def solve_membrane(
             if not len(frame.unknowns):
                 break
             step, changes, is_stable = state.step(tensions)
-            length, noise = np.abs(step).max(), frame.size * max(_FINAL, film.boundary_residual.max_per_diagonal)
+            length, noise = float(np.abs(step).max()), frame.size * max(_FINAL, film.boundary_residual.max_per_diagonal)
             # forces at free points are exact only after another step
             if length <= noise and not is_rough and not (frame.is_hanging and steps[-1] > noise):
                 if not is_stable:
