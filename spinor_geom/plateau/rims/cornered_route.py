@@ -39,7 +39,6 @@ _SPECTRUM = 1e-7  # share of the amplitude of Γ above the frequencies of the sl
 _SAMPLES = 256  # of Γ for its spectrum
 # Arcs of Γ, by samples of its tangents: parts that bend that much more than a circle, and turn by more than an angle
 _FINE_SAMPLES, _SHARP, _LEAST_TURN = 4096, 2.5, 0.5
-_APART = 1e-2  # least distance of an arc from corners, as a share of Γ
 # Share of the allowed distance to reach if finer corners do. They take as long as all before.
 _WELL_BELOW = 1e-2
 _ANGLES_SHOW = 1e-2  # relative decrease of the energy at which the slides show the angles of the surface at corners
@@ -196,7 +195,9 @@ def _around(values: Float[np.ndarray, " n"], period: float) -> Float[np.ndarray,
 
 
 def _corners(curve: BoundaryCurve) -> Float[np.ndarray, " c"]:
-    """Parameters of a curve's corners, and of the middles of arcs that look like corners from afar."""
+    """Parameters of a curve's corners. If it has none, of the middles of arcs that look like corners from afar."""
+    if curve.corners.any():
+        return curve.breaks[:-1][curve.corners]
     tangents = unit(curve.derivative(np.arange(_FINE_SAMPLES) / _FINE_SAMPLES))
     turns = norm(np.roll(tangents, -1, axis=0) - tangents)
     first = int(turns.argmin())  # outside of arcs
@@ -205,10 +206,7 @@ def _corners(curve: BoundaryCurve) -> Float[np.ndarray, " c"]:
     ends = np.flatnonzero(np.diff(is_sharp, prepend=False, append=False)).reshape(-1, 2)
     angles = turned[ends - [0, 1]]
     arcs = np.searchsorted(turned, angles.mean(axis=1)[np.ptp(angles, axis=1) > _LEAST_TURN])
-    arcs = (first + arcs) / _FINE_SAMPLES % 1
-    corners = curve.breaks[:-1][curve.corners]
-    are_apart = np.abs((arcs[:, None] - corners + 0.5) % 1 - 0.5) > _APART
-    return np.sort(np.append(corners, arcs[are_apart.all(axis=1)]))
+    return np.sort((first + arcs) / _FINE_SAMPLES % 1)
 
 
 def _arguments(
