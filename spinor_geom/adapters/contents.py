@@ -13,7 +13,7 @@ from jaxtyping import Float, Int, Real
 from spinor_geom.adapters.polygon_faces import Polygons
 from spinor_geom.adapters.textures import Appearance
 from spinor_geom.errors import MeshFileError
-from spinor_geom.mesh.topology import coincident_vertices
+from spinor_geom.mesh.topology import coincident_vertices, referenced_vertices
 from spinor_geom.mesh.triangle_mesh import MeshExtension, Stored
 
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"  # what some editors put before UTF-8 text
@@ -210,7 +210,9 @@ def is_held_in_single_precision(contents: FileContents, positions: Float[np.ndar
     """
     corners = contents.polygons.corners
     is_old = np.repeat(contents.loop_of_faces < 0, contents.polygons.sizes)
-    used, old = np.unique(corners), np.unique(corners[is_old])
+    used, old = (
+        np.flatnonzero(referenced_vertices(some, vertices=len(positions))) for some in (corners, corners[is_old])
+    )
     single_precision(positions[used])  # raises
     with np.errstate(over="ignore"):
         rounded = positions.astype(np.float32).astype(np.float64)

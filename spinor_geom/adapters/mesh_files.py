@@ -315,8 +315,12 @@ class MeshFile(Shown):
         old = self.contents.vertices[:vertices]
         with np.errstate(over="ignore"):
             may_be_single = np.array_equal(old.astype(np.float32), old, equal_nan=True)
-        # only then may the file's own numbers be too short for the new vertices
-        if may_be_single and not is_held_in_single_precision(self.contents, self.contents.vertices):
+        # only then may the file's own numbers, if they are no text, be too short for the new vertices
+        if (
+            self.contents.stored
+            and may_be_single
+            and not is_held_in_single_precision(self.contents, self.contents.vertices)
+        ):
             held, wanted = (
                 len(np.unique(coincident_vertices(file.vertices)[file.polygons.corners]))
                 for file in (FORMATS[suffix].read(data), self.contents)

@@ -188,7 +188,8 @@ class _Reader:
         own_indices = {name: (own, count[name]) for name, own in corner_indices.items()}
         return FileContents(
             vertices=vertices,
-            polygons=Polygons.of_sizes(faces[0][:, 0], faces[1]),
+            # a copy, so that the other columns need not stay in memory
+            polygons=Polygons.of_sizes(faces[0][:, 0].copy(), faces[1]),
             attributes=attributes,
             color_scale=color_scale_of(attributes.get("color", np.zeros(0))),
             representatives=np.arange(len(vertices)),

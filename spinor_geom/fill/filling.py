@@ -148,8 +148,8 @@ class Filling:
     ) -> FillResult:
         """The report, with the filled mesh in the type of `source`, from which the mesh was made."""
         extension = stitch(self.mesh, patches)
-        mesh = extend(source, extension)
         watertight = is_watertight_with(self.mesh.faces, self._unclosed, extension.faces)
+        mesh = extend(source, extension)
         clock.lap("stitch")
         return FillResult(
             mesh=mesh,

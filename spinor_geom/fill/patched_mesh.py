@@ -18,7 +18,7 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.intersections import intersections_between, is_graph, self_intersections, sorted_pairs
 from spinor_geom.mesh.loop_frame import LoopFrame
 from spinor_geom.mesh.operators import vertex_angles
-from spinor_geom.mesh.topology import referenced_vertices
+from spinor_geom.mesh.topology import coincident_vertices, referenced_vertices
 from spinor_geom.mesh.triangle_mesh import MeshExtension, TriangleMesh
 from spinor_geom.meshing.embed import Patch
 from spinor_geom.surface.array_surface import ArraySurface
@@ -114,9 +114,8 @@ class PatchedMesh:
                 self._loops_of_three.append(loop.vertex_ids)
         on_loop = (self._loops_at > 0)[mesh.faces]
         self._at_loops = np.flatnonzero(on_loop[:, 0] | on_loop[:, 1] | on_loop[:, 2])
-        sides = np.flatnonzero(on_loop & on_loop[:, [1, 2, 0]])
-        ends = np.stack([mesh.faces[sides // 3, sides % 3], mesh.faces[sides // 3, (sides + 1) % 3]], axis=1)
-        self._mesh_edges = frozenset(self._keys(ends))
+        sides = [mesh.faces[on_loop[:, side].all(axis=1)][:, side] for side in ([0, 1], [1, 2], [2, 0])]
+        self._mesh_edges = frozenset(distinct(np.concatenate([self._keys(ends) for ends in sides])).tolist())
         self.clear()
 
     def as_stored(self, patch: Patch, rim: Int[np.ndarray, " m"]) -> Patch:
@@ -147,14 +146,14 @@ class PatchedMesh:
         boxes = self._boxes[: len(self._patches)].T
         return [self._patches[k] for k in overlapping(boxes[:3], boxes[3:], low, high)]
 
-    def _keys(self, edges: Int[np.ndarray, "e 2"]) -> list[int]:
-        low, high = np.sort(edges, axis=1).T
-        keys: list[int] = (low * len(self.mesh.vertices) + high).tolist()
-        return keys
+    def _keys(self, edges: Int[np.ndarray, "e 2"]) -> Int[np.ndarray, " e"]:
+        return np.asarray(edges.min(axis=1) * len(self.mesh.vertices) + edges.max(axis=1))
 
     def has_edges(self, edges: Int[np.ndarray, "e 2"]) -> Bool[np.ndarray, " e"]:
         """Whether pairs of vertices of loops are edges of the mesh or of a patch."""
-        return np.array([key in self._mesh_edges or key in self._patch_edges for key in self._keys(edges)], dtype=bool)
+        return np.array(
+            [key in self._mesh_edges or key in self._patch_edges for key in self._keys(edges).tolist()], dtype=bool
+        )
 
     def face_on(self, loop: BoundaryLoop) -> int | None:
         """The mesh face of which a loop is the outline, or None."""
@@ -166,8 +165,10 @@ class PatchedMesh:
         is_corner = np.zeros(len(self.mesh.vertices), dtype=bool)
         for corners in self._loops_of_three:
             is_corner[corners] = True
-        faces = self._at_loops[is_corner[self.mesh.faces[self._at_loops]].all(axis=1)][::-1]
-        return dict(zip(map(tuple, np.sort(self.mesh.faces[faces], axis=1).tolist()), faces.tolist(), strict=True))
+        faces = self._at_loops[is_corner[self.mesh.faces[self._at_loops]].all(axis=1)]
+        corners = np.sort(self.mesh.faces[faces], axis=1)
+        first = distinct(coincident_vertices(corners.astype(np.float64)))  # rows, as if they were positions
+        return dict(zip(map(tuple, corners[first].tolist()), faces[first].tolist(), strict=True))
 
     def taken_chords(self, patch: Patch, rim: Int[np.ndarray, " m"]) -> Int[np.ndarray, "c 2"]:
         """The chords of a patch that are edges of the mesh or of another patch already."""
@@ -313,14 +314,14 @@ class PatchedMesh:
         near = PatchedMesh(mesh, [replace(loop, vertex_ids=np.arange(len(rim)))])
         shared = np.flatnonzero(self._loops_at[rim] > 1)
         pairs = np.stack(np.triu_indices(len(shared), 1), axis=1)
-        near._patch_edges.update(near._keys(shared[pairs][self.has_edges(rim[shared[pairs]])]))
+        near._patch_edges.update(near._keys(shared[pairs][self.has_edges(rim[shared[pairs]])]).tolist())
         for piece in self._patches_in(*box):
             near._add(frame.local(piece.vertices), piece.faces)
         return near
 
     def join(self, patch: Patch, rim: Int[np.ndarray, " m"]) -> int:
         """Adds a patch with the boundary vertices `rim` of the mesh. Returns the number of its first face."""
-        self._patch_edges.update(self._keys(rim[patch_chords(patch)]))
+        self._patch_edges.update(self._keys(rim[patch_chords(patch)]).tolist())
         return self._add(patch.vertices, np.asarray(patch.faces))
 
     def _add(self, vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> int:

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.sparse import csr_array
 
-from spinor_geom.arrays import norm
+from spinor_geom.arrays import distinct, norm
 from spinor_geom.errors import DuplicateVertexError, MeshError, NonManifoldEdgeError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners, measure
 from spinor_geom.mesh.loop_frame import first_points
@@ -276,7 +276,7 @@ def repeated_faces(half_edges: HalfEdges) -> Int[np.ndarray, "k 2"]:
     some = np.append(half_edges.pairs[half_edges.opposite[a] == half_edges.opposite[b]], nonmanifold) // 3
     if not len(some):
         return np.zeros((0, 2), dtype=np.int64)
-    some = np.unique(some)
+    some = distinct(some)
     corners = np.sort(half_edges.origin.reshape(-1, 3)[some], axis=1)
     order = np.lexsort(corners.T)
     pairs = some[np.stack([order[:-1], order[1:]], axis=1)[(np.diff(corners[order], axis=0) == 0).all(axis=1)]]
@@ -365,14 +365,14 @@ class _FaceDefects:
                 f"face {face_ids[flipped[0] // 3]}; the patch follows the others: flip these faces"
             )
         if self._at_degenerate[vertices].any():
-            touching = degenerate[np.unique(self._degenerate_corners[vertices].indices // 3)]
+            touching = degenerate[distinct(self._degenerate_corners[vertices].indices // 3)]
             yield (
                 f"{len(touching)} faces that use a vertex twice touch the loop, first face {touching[0]} "
                 f"{tuple(self._faces[touching[0]].tolist())}; they were ignored: remove them"
             )
         beside = face_ids[half_edges // 3]
         if self._is_copied[beside].any():
-            pairs = copies[np.unique(self._copies_of[beside].indices)]
+            pairs = copies[distinct(self._copies_of[beside].indices)]
             yield (
                 f"{len(pairs)} faces beside the loop have copies, first faces {tuple(pairs[0].tolist())} with the same "
                 "vertices; with the patch their edges have more than two faces: keep one face of each pair"

@@ -10,9 +10,9 @@ import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from spinor_geom.adapters import MeshFile, read_mesh
+from spinor_geom.adapters import MeshFile, mesh_files, read_mesh
 from spinor_geom.adapters.contents import MOST_CHANGE
-from spinor_geom.adapters.mesh_files import FORMATS
+from spinor_geom.adapters.mesh_files import FORMATS, write_triangles
 from spinor_geom.cli.main import main
 from spinor_geom.errors import PrecisionError
 from spinor_geom.fill.fill_hole import fill_hole
@@ -117,3 +117,13 @@ def test_new_vertices_that_the_numbers_of_the_file_cannot_hold_are_refused(tmp_p
             far.extended(new).write(path)
         far.extended(new).write(tmp_path / "kept.obj")
         assert read_mesh(tmp_path / "kept.obj").mesh.vertices[-2:].tobytes() == moved.tobytes()
+
+
+@pytest.mark.parametrize("suffix", [".obj", ".off"])
+def test_text_is_written_without_a_search_for_what_single_precision_does_not_hold(tmp_path, monkeypatch, suffix):
+    vertices, faces = tube()
+    write_triangles(vertices.astype(np.float32), faces, path := tmp_path / f"tube{suffix}")
+    file = read_mesh(path).extended(extension([[1.0, 0.0, 0.0]], [[0, 1, 48]]))
+    monkeypatch.setattr(mesh_files, "is_held_in_single_precision", None)
+    file.write(path)
+    assert read_mesh(path).mesh.vertices[-1].tolist() == [1.0, 0.0, 0.0]

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import time
+import tracemalloc
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -59,3 +61,14 @@ def test_odd_holes_are_filled_or_left_open_with_a_reason(kind: str) -> None:
 @pytest.mark.parametrize("kind", RIMS)
 def test_odd_loops_are_solved_or_refused(kind: str) -> None:
     check_solved(kind, list(RIMS).index(kind))
+
+
+def test_a_face_of_many_corners_takes_a_bounded_memory_per_corner(tmp_path: Path) -> None:
+    corners = 300_000
+    (path := tmp_path / "face.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf" + " 1 2 3" * (corners // 3))
+    tracemalloc.start()
+    _, report = fill_hole(path, return_report=True)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert "face 0 (2, 1, 0), which has no neighbours" in report.loops[0].reason
+    assert peak < 220 * corners  # 190 bytes, most in the half-edges of the triangles
