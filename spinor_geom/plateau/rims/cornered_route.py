@@ -197,7 +197,7 @@ def _around(values: Float[np.ndarray, " n"], period: float) -> Float[np.ndarray,
 def _corners(curve: BoundaryCurve) -> Float[np.ndarray, " c"]:
     """Parameters of a curve's corners. If it has none, of the middles of arcs that look like corners from afar."""
     if curve.corners.any():
-        return curve.breaks[:-1][curve.corners]
+        return np.asarray(curve.breaks[:-1][curve.corners])
     tangents = unit(curve.derivative(np.arange(_FINE_SAMPLES) / _FINE_SAMPLES))
     turns = norm(np.roll(tangents, -1, axis=0) - tangents)
     first = int(turns.argmin())  # outside of arcs
