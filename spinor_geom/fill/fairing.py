@@ -23,7 +23,7 @@ from jaxtyping import Float
 
 from spinor_geom.arrays import TINY
 from spinor_geom.deadline import is_out_of_time
-from spinor_geom.errors import OutOfTimeError
+from spinor_geom.errors import OutOfTimeError, SingularMatrixError
 from spinor_geom.fill.collar import Collar, stretch_across_creases
 from spinor_geom.mesh.operators import Bending, BendingForm, factor_symmetric, graph_laplacian, side_lengths
 from spinor_geom.meshing.embed import Patch
@@ -113,7 +113,10 @@ def _faired(patch: Patch, inner: Float[np.ndarray, "k 3"], steps: int, next_step
     vertices = np.concatenate([patch.vertices[: patch.boundary_size], inner])
     before, after = (side_lengths(v, np.asarray(patch.faces)) for v in (patch.vertices, vertices))
     stretch = float((after / np.maximum(before, TINY)).max())
-    return Faired(patch=replace(patch, vertices=vertices), steps=steps, next_step=next_step, stretch=stretch)
+    moved = replace(patch, vertices=vertices)
+    if not np.isfinite(moved.area):  # vertices so far away are errors of rounding of an almost singular matrix
+        raise SingularMatrixError(size=len(inner))
+    return Faired(patch=moved, steps=steps, next_step=next_step, stretch=stretch)
 
 
 class _Equations:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import SuperLU
 
@@ -224,6 +225,16 @@ def test_nothing_goes_on_across_the_creases_of_a_corner() -> None:
     assert outcome.continuation.creased == 3
     assert outcome.continuation.crease == 0
     assert np.abs(new).max() <= 1 + 1e-9
+
+
+def test_vertices_that_rounding_sends_far_away_are_no_patch() -> None:
+    whole = trimesh.creation.box((0.5, 0.5, 0.6)).subdivide().subdivide().subdivide()
+    is_near = np.linalg.norm(whole.triangles_center - [0.25, 0.25, 0.0], axis=1) < 0.3
+    vertices, faces = without((whole.vertices, whole.faces), is_near)
+    # a coarse grid, so that many triangles have no area
+    new, outcome = continued((np.round(vertices, 1), faces))
+    assert np.abs(new).max(initial=0.0) < 1
+    assert outcome.kind != "smooth"
 
 
 def test_the_round_edge_of_a_disk_goes_on() -> None:
