@@ -290,6 +290,13 @@ class MeshFile(Shown):
             notes.append("the names of objects and groups are left out")
         if not FORMATS[suffix].holds_nan and len(nonfinite_rows(self.contents.vertices)):
             notes.append(f"NaN and infinite positions are those of other vertices: {suffix} files hold no such numbers")
+        added = self.contents.vertices[self.read_sizes[0] :]
+        stored = FORMATS[suffix].stored(self.contents) if len(added) else None
+        if stored is not None and not np.array_equal(stored(added, np.zeros(0, dtype=np.int64)), added):
+            notes.append(
+                "the new vertices were rounded to 32-bit numbers after the search for intersections: fill what "
+                f"MeshFile.as_stored({suffix!r}) returns for a report on the rounded ones"
+            )
         if suffix == ".glb" and (offset := glb_offset(self.contents)).any():
             place = ", ".join(f"{x:.17g}" for x in offset.tolist())
             notes.append(f"the positions are relative to ({place}), the translation of the node, for lack of digits")

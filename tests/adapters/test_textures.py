@@ -72,7 +72,7 @@ def test_texture_seams_go_through_formats(path, tmp_path):
     ]
     head = 'mtllib "skin.mtl"\n' + "".join(f"v {x} {y} {z}\n" for x, y, z in ICOSAHEDRON.vertices.round(4))
     source.write_text(head + "".join(lines))
-    mesh = fill_hole(source)
+    mesh = fill_hole(read_mesh(source).as_stored(path[0]))
     assert isinstance(mesh, MeshFile)
     old, wanted = len(corners), [(*mesh.mesh.vertices[v], *uv) for face in corners for v, uv in face]
     for number, suffix in enumerate(path):
@@ -192,7 +192,7 @@ def test_texture_coordinates_of_faces_in_ply_files(suffix, order, tmp_path):
         for face, own in zip(faces, uv.reshape(-1, 6).tolist(), strict=True):
             body += struct.pack("<B3iB6fi", 3, *face, 6, *own, 0)
     (tmp_path / "mesh.ply").write_bytes(header.encode() + body)
-    filled = fill_hole(tmp_path / "mesh.ply")
+    filled = fill_hole(read_mesh(tmp_path / "mesh.ply").as_stored(suffix))
     assert isinstance(filled, MeshFile)
     (tmp_path / "out").mkdir()
     (note,) = filled.write(tmp_path / "out" / f"filled{suffix}")

@@ -105,3 +105,21 @@ def test_a_command_reports_on_the_positions_of_the_written_file(suffix: str, tmp
     mesh = read_mesh(tmp_path / "mesh.obj").as_stored(suffix)
     filled = fill_hole(mesh)
     assert written == {*map(tuple, filled.mesh.vertices.tolist())}
+
+
+@pytest.mark.parametrize("suffix", [".stl", ".glb"])
+def test_writing_tells_that_it_rounds_what_was_searched_for_intersections(suffix: str, tmp_path: Path) -> None:
+    x, y = np.meshgrid(np.linspace(0, 1, 11), np.linspace(0, 1, 11))
+    places, cells = np.stack([x, y], axis=-1).reshape(-1, 2), np.arange(110).reshape(10, 11, 1)[:, :10].reshape(-1, 1)
+    faces = np.concatenate([cells + np.array(corners) for corners in ([0, 1, 12], [0, 12, 11])])
+    faces = faces[(np.abs(places[faces].mean(axis=1) - 0.5) > 0.2).any(axis=1)]
+    # two inclined sheets with a hole each, whose distance is about the rounding of their coordinates
+    sheets = [np.column_stack([at, 1 + at @ [0.3, 0.2] + gap]) for at, gap in ((places, 0.0), (places + 0.031, 6e-8))]
+    (path := tmp_path / "sheets.obj").write_text(obj_text(np.concatenate(sheets), np.concatenate([faces, faces + 121])))
+    filled, result = fill_hole(read_mesh(path), [2, 3], return_report=True)
+    assert result.intersection_free
+    (note,) = (note for note in filled.write(tmp_path / f"filled{suffix}") if "rounded" in note)
+    assert f"MeshFile.as_stored('{suffix}')" in note
+    filled, result = fill_hole(read_mesh(path).as_stored(suffix), [2, 3], return_report=True)
+    assert not result.intersection_free
+    assert not any("rounded" in note for note in filled.write(tmp_path / f"filled{suffix}"))
