@@ -16,7 +16,7 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import SAMPLES_PER_PIECE, BoundaryCurve
 from spinor_geom.plateau.annulus import RimDisks
 from spinor_geom.plateau.disk_search import ThinnedLoop, find_disks, lower_beside, replace_unstable
-from spinor_geom.plateau.harmonic.harmonic_route import FLATTENING, MOST_FREE_POINTS, UNIT_DISK, HarmonicSolver
+from spinor_geom.plateau.harmonic.harmonic_route import FLATTENING, UNIT_DISK, HarmonicSolver
 from spinor_geom.plateau.network.network_route import NETWORK, PARTS_OF_A_SIDE
 from spinor_geom.plateau.options import Options
 from spinor_geom.plateau.plane_route import PLANE, lie_in_plane
@@ -53,7 +53,7 @@ def _plan_for_disk(problem: PlateauProblem, in_plane: tuple[Route, ...]) -> tupl
         return (UNIT_DISK,)
     if not options.is_automatic:
         return (NETWORK,)
-    may_be_free = options.between == "free" and len(loop) <= MOST_FREE_POINTS and not curve.is_formula
+    may_be_free = problem.may_be_free
     if loop.corners.any():
         through = (THROUGH_POINTS,) if may_be_free and not in_plane and not loop.corners_given else ()
         network = () if through and has_stray_corners(loop) else (NETWORK,)

@@ -34,6 +34,7 @@ from spinor_geom.plateau.route_result import RouteResult
 from spinor_geom.plateau.solution import PlateauSolution, RouteName
 from spinor_geom.plateau.steps import Clock, Iteration, Steps
 
+MOST_FREE_POINTS = 1500  # largest number of points for surfaces through the points, whose cost grows as n³
 # Most points of a loop for the first disk, Ω and the poles. Longer loops are thinned for them. Γ uses all points.
 _MOST_START_POINTS = 240
 # The same for smooth loops with corners: the larger of this number and a multiple of the number of corners. With 24 for
@@ -163,6 +164,12 @@ class PlateauProblem:
     def curve(self) -> BoundaryCurve:
         """Γ of the first loop, at unit size."""
         return self.curves[0]
+
+    @property
+    def may_be_free(self) -> bool:
+        """Whether Γ of the first loop may be free between its points."""
+        is_short = len(self.unit) <= MOST_FREE_POINTS
+        return self.options.between == "free" and is_short and not self.curve.is_formula
 
     @cached_property
     def allowed(self) -> float:

@@ -10,7 +10,9 @@ from spinor_geom import gallery
 from spinor_geom.errors import DomainError, SurfaceError
 from spinor_geom.holomorphic.interpolant import CauchyInterpolant
 from spinor_geom.holomorphic.series import PowerSeries
+from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau import solve_plateau
+from spinor_geom.plateau.harmonic import harmonic_route
 from spinor_geom.plateau.harmonic.harmonic_route import HarmonicSolver
 from spinor_geom.plateau.options import Options
 from spinor_geom.plateau.problem import PlateauProblem
@@ -148,3 +150,16 @@ def test_crowded_disk_is_replaced_by_a_domain_made_for_the_loop():
     solution = solve_plateau(gallery.ellipse(2.4).sample(200), tolerance=1e-8)
     assert solution.converged
     assert abs(solution.area / (2.4 * np.pi) - 1) < 1e-8
+
+
+def test_domains_far_from_conformal_are_left_to_the_surface_through_the_points(monkeypatch):
+    # four sides of a wavy square without corners, which neighbours do not predict
+    side = np.linspace(-1, 1, 25)[:-1]
+    edge = np.ones_like(side)
+    x, y = np.r_[side, edge, -side, -edge], np.r_[-edge, side, edge, -side]
+    loop = np.c_[x, y, 0.38 * (np.sin(6 * x + 1) + np.sin(8 * y + 3 * x))]
+    solver = harmonic_solver(BoundaryLoop.from_points(loop), tolerance=1e-3)
+    monkeypatch.setattr(harmonic_route, "_advance", lambda fits: pytest.fail(f"an attempt with {fits[0].nodes} nodes"))
+    found = solver.on_flattening()
+    assert 1 < solver.problem.excess(found.misfit) < 1000
+    assert "would not meet the tolerance" in found.limit

@@ -88,9 +88,9 @@ class DirichletForm:
         if self.correction is not None:
             count = len(self.correction)
             half = count // 2
-            # BLAS is far slower on narrow columns, and the matrix is symmetric
-            low = xp.fft.irfft(spectrum[..., :half], n=count) @ self.correction
-            result[..., :half] += xp.fft.rfft(low)[..., :half]
+            # BLAS is far slower on narrow columns, and the matrix is symmetric. It is read once for all rows
+            low = xp.fft.irfft(spectrum[..., :half], n=count).reshape(-1, count) @ self.correction
+            result[..., :half] += xp.fft.rfft(low).reshape(*x.shape[:-1], -1)[..., :half]
         return xp.fft.irfft(result, n=n)
 
 

@@ -11,6 +11,7 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Float
@@ -31,8 +32,8 @@ from spinor_geom.plateau.harmonic.lifted_surface import domain_of, surface_of
 from spinor_geom.plateau.harmonic.smooth_domain import COARSE, NodeDensity, resolved
 from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.newton import MOST_STEPS, ROUNDING
-from spinor_geom.plateau.problem import PlateauProblem, Route, start_indices
-from spinor_geom.plateau.roughness import ROUGH_GRADIENT, is_rough, negligible_energy
+from spinor_geom.plateau.problem import MOST_FREE_POINTS, PlateauProblem, Route, start_indices
+from spinor_geom.plateau.roughness import ROUGH_GRADIENT, is_predicted, is_rough, negligible_energy
 from spinor_geom.plateau.route_result import RouteResult, typed_failures
 from spinor_geom.plateau.solution import RouteName
 from spinor_geom.plateau.steps import SPENT
@@ -44,15 +45,19 @@ BATCH_NODES = 16384  # nodes of all loops in one batch. Half of it takes an eigh
 # Largest number of nodes per edge. Loops that need more are left to other routes: with 64 those take an eighth longer,
 # and none of them converges here.
 _MOST_PER_EDGE = 16
-# Largest number of points for surfaces through the points, whose cost grows as n³. Longer loops may have this many
-# nodes per edge: 5,000 noisy points need more than 16, formulas with jumps of the curvature, too.
-MOST_FREE_POINTS, _MOST_PER_EDGE_OF_LONG = 1500, 64
+# The same for formulas and long loops, which have no surface through points: 5,000 noisy points need more than 16, and
+# so do formulas with jumps of the curvature.
+_MOST_PER_EDGE_OF_LONG = 64
 # Nodes of short loops on the disk, so that many loops fit in one batch. With half as many ellipses keep 4e-4 of an edge
 # instead of 3e-7.
 FEWEST_NODES = 256
 # Distance of a coarse surface over a smooth loop, in edges, beyond which a finer disk is flattened. Of 106 random loops
-# that have less, all but one converge on the first Ω. Of 31 that have more, 5 do, and 9 on the Ω of the finer disk.
+# that have less, all but one converge on the first Ω. Of 31 that have more, 5 do, and 9 on the Ω of the finer disk. A
+# finer slide with as many nodes may bring the surface nearer. If it is still beyond, more nodes do not help.
 _FAR = 0.01
+_NO_HELP = "more nodes on the domain's boundary do not help"
+_WOULD_NOT_MEET = "more nodes on the domain's boundary would not meet the tolerance"
+Lifted: TypeAlias = tuple[Lift, HarmonicDisk]  # a surface, and the harmonic disk that it was lifted from
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -104,14 +109,18 @@ class HarmonicSolver:
             if self.is_rough:
                 raise
             return self._fitted(self._on_finer(disk, t), "flattened")
-        distance = 0.0 if self.is_rough else self._distance(fit)
-        if distance > _FAR:
+        if not self.is_rough and self._distance(begun := self._begun(fit)) > _FAR:
             try:
                 finer = self._on_finer(disk, t)
-                fit = finer if self._distance(finer) < distance else fit
+                if self._distance(nearer := self._begun(finer)) < self._distance(begun):
+                    fit, begun = finer, nearer
             except (DomainError, SingularMatrixError, OutOfTimeError):
-                if distance == math.inf:
+                if begun is None:
                     raise
+            # the surface through the points takes less time, and Γ between them is not known
+            unknown = self.problem.may_be_free and not is_predicted(self.problem.unit)
+            if unknown and self._distance(begun) > _FAR:
+                fit.best, fit.limit = begun, _WOULD_NOT_MEET
         return self._fitted(fit, "flattened")
 
     def _on_finer(self, disk: Disk, t: Float[np.ndarray, " k"]) -> DiskFit:
@@ -123,17 +132,21 @@ class HarmonicSolver:
         with self.problem.clock.stage("first fill"):
             finer = finer_disk(disk, len(t))
         fit = self._on_flattened(finer, t)
-        if self._distance(fit) == math.inf:
+        if self._begun(fit) is None:
             raise DomainError(
                 "the domain is too far from conformal for a minimal disk", vertices=len(self.problem.unit)
             )
         return fit
 
-    def _distance(self, fit: DiskFit) -> float:
-        """Distance of the surface of a fit's start from Γ, in edges, or infinite if there is none."""
+    def _begun(self, fit: DiskFit) -> Lifted | None:
+        """The surface of a fit's start, or None if p and q change sign around a branch point."""
         start = HarmonicDisk(slide=fit.slide, points=self.exact.point_and_derivative(fit.slide)[0], crowded=False)
         (lift,) = lifted_together([start], fit.form, CurveTensors.batch([self.exact]), allowed=[math.inf])
-        return math.inf if lift is None else self._in_edges(lift.misfit)
+        return None if lift is None else (lift, start)
+
+    def _distance(self, begun: Lifted | None) -> float:
+        """Distance of a start's surface from Γ, in edges, or infinite if there is none."""
+        return math.inf if begun is None else self._in_edges(begun[0].misfit)
 
     def _on_flattened(self, disk: Disk, t: Float[np.ndarray, " k"]) -> DiskFit:
         """A fit on the smooth Ω fitted to a flattened disk with boundary parameters t, from a coarse slide."""
@@ -256,14 +269,15 @@ class HarmonicSolver:
         """Largest number of steps of a slide."""
         return min(MOST_STEPS, self.problem.steps.left)
 
-    def may_meet(self, misfit: Misfit, nodes: int) -> bool:
-        """Whether the largest number of nodes would meet the tolerance over a smooth loop.
+    def may_meet(self, misfit: Misfit, fit: DiskFit) -> bool:
+        """Whether the largest number of nodes would meet the tolerance.
 
-        The distance is extrapolated geometrically from one edge at 0 nodes.
+        The distance is extrapolated geometrically from one edge at 0 nodes over smooth loops.
         """
-        return self.is_rough or bool(
-            self._in_edges(misfit) ** (self.most_nodes / nodes) <= self.problem.options.tolerance
-        )
+        distance = self._in_edges(misfit)
+        if not fit.form.is_disk and distance > (1 if self.is_rough else _FAR):
+            return False
+        return self.is_rough or bool(distance ** (self.most_nodes / fit.nodes) <= self.problem.options.tolerance)
 
     def _in_edges(self, misfit: Misfit) -> float:
         return self.problem.excess(misfit) * self.problem.options.tolerance
@@ -301,7 +315,7 @@ class DiskFit:
     form: DirichletForm
     slide: Float[Array, " n"]  # the start, then the last slide found
     nodes: int  # number of nodes of the next attempt
-    best: tuple[Lift, HarmonicDisk] | None = None  # the nearest surface so far, and its harmonic disk
+    best: Lifted | None = None  # the nearest surface so far, and its harmonic disk
     limit: str = ""  # why the fit has finished, as the end of a sentence, or "" while it runs
     attempt: int = 0  # number of attempts so far
 
@@ -319,9 +333,9 @@ class DiskFit:
         if lift is not None and lift.misfit.rms < before:
             self.best = lift, disk
         if not is_better or (self.best is not None and self.solver.is_enough(self.best[0].misfit)):
-            self.limit = "more nodes on the domain's boundary do not help"
-        elif self.best is not None and not self.solver.may_meet(self.best[0].misfit, self.nodes):
-            self.limit = "more nodes on the domain's boundary would not meet the tolerance"
+            self.limit = _NO_HELP
+        elif self.best is not None and not self.solver.may_meet(self.best[0].misfit, self):
+            self.limit = _WOULD_NOT_MEET
         elif self.nodes >= self.solver.most_nodes:
             self.limit = f"{self.nodes} nodes are the largest number that is tried"
         elif not self.solver.problem.steps.left:
