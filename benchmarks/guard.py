@@ -1,6 +1,6 @@
 """Times fills with the packages of two checkouts side by side and lists what became slower beyond noise.
 
-`python benchmarks/guard.py BASE [HEAD]` takes the folders of two checkouts; HEAD is this one by default. One process of
+`python benchmarks/guard.py BASE [HEAD]` takes the folders of two checkouts. HEAD is this one by default. One process of
 each fills the same meshes in turn. The figures are CPU seconds of one thread and their ratios within each turn, so that
 other load hardly matters. The exit status is 1 if something became slower. With `--data FOLDER` the cases are the mesh
 files of a folder.

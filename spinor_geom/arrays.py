@@ -57,7 +57,7 @@ class Place:
         return array_api_compat.torch
 
     def put(self, values: Any) -> Array:
-        """Converts an array or tensor to this place; a copy on torch devices."""
+        """Converts an array or tensor to this place, which copies it on torch devices."""
         if self.device is None:
             return to_numpy(values)
         import torch
@@ -76,7 +76,7 @@ def place_of(x: Array) -> Place:
 
 
 def to_numpy(x: Any) -> np.ndarray:
-    """Converts to a numpy array without gradients; copies only tensors that are not on the CPU."""
+    """Converts to a numpy array without gradients. Only tensors on other devices than the CPU are copied."""
     if is_numpy(x):
         return np.asarray(x)
     if hasattr(x, "detach"):
@@ -124,7 +124,7 @@ def is_real(v: Array) -> bool:
 
 
 def cross(u: Float[Array, "*any 3"], v: Float[Array, "*any 3"]) -> Float[Array, "*any 3"]:
-    """Cross products; numpy's own function takes several times as long for short arrays."""
+    """Cross products. NumPy's own function takes several times as long for short arrays."""
     if not is_numpy(u):
         return namespace(u).linalg.cross(u, v)
     a, b, c, d, e, f = *(u[..., k] for k in range(3)), *(v[..., k] for k in range(3))
@@ -134,7 +134,7 @@ def cross(u: Float[Array, "*any 3"], v: Float[Array, "*any 3"]) -> Float[Array, 
 
 
 def median(values: Float[np.ndarray, "*any n"]) -> Float[np.ndarray, "*any"]:
-    """Medians of rows; numpy's own function takes three times as long for short rows."""
+    """Medians of rows. NumPy's own function takes three times as long for short rows."""
     count = values.shape[-1]
     low, high = (count - 1) // 2, count // 2
     ordered = np.partition(values, (low, high), axis=-1)
@@ -205,7 +205,7 @@ def add_at(total: Inexact[Array, " n"], index: Int[Array, "*any"], values: Inexa
 
 
 def cholesky(matrix: Inexact[Array, "n n"]) -> Inexact[Array, "n n"] | None:
-    """The lower Cholesky factor; reads only the lower triangle. None if the matrix is not positive definite."""
+    """The lower Cholesky factor, from the lower triangle, or None if the matrix is not positive definite."""
     if is_numpy(matrix):
         from scipy.linalg.lapack import cpotrf, dpotrf, spotrf, zpotrf
 

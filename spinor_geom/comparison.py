@@ -133,9 +133,9 @@ def compare(
             `fill_hole`.
         baseline: a `DiscreteMinimalSurface`, a `Patch`, or a mesh of any supported type whose boundary is the same
             loop. Of a filled mesh with the loop's points as vertices, the patch over the loop is used. None computes
-            the `discrete_minimal_surface` of the same loop, with the patch's edge length; between two loops its edges
+            the `discrete_minimal_surface` of the same loop, with the patch's edge length. Between two loops its edges
             grow inwards, and between more it is `Patch.relaxed`.
-        loop: index of a mesh's loop, as in `boundary_loops`; required if a mesh has several.
+        loop: index of a mesh's loop, as in `boundary_loops`, required if a mesh has several.
         target_edge_length: of the patch, as in `mesh_patch` but over the loops' points alone, and of the baseline made
             here.
         patch: the solution's mesh of that edge length, if it exists already.
@@ -265,7 +265,7 @@ def _discrete_curvature(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarra
 def exact_curvature(
     solution: PlateauSolution, points: Complex[np.ndarray, " n"], most: int = MOST_CURVATURE_POINTS
 ) -> Float[np.ndarray, " k"]:
-    """|H| at points of Ω as of `ArraySurface.mean_curvature`, in 1/mesh units; branch points are left out.
+    """|H| at points of Ω as of `ArraySurface.mean_curvature`, in 1/mesh units. Branch points are left out.
 
     At most `most` of the points are used, evenly spread.
     """

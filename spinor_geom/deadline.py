@@ -13,7 +13,7 @@ _DEADLINE: ContextVar[float] = ContextVar("deadline", default=math.inf)
 
 @contextmanager
 def time_limit(seconds: float) -> Iterator[None]:
-    """Sets a time limit for the computations in the context; of nested limits, the earliest applies."""
+    """Sets a time limit for the computations in the context. Of nested limits, the earliest applies."""
     token = _DEADLINE.set(min(_DEADLINE.get(), perf_counter() + seconds))
     try:
         yield

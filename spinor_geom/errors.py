@@ -9,7 +9,7 @@ from typing import Any
 
 
 class SpinorGeomError(Exception):
-    """Base of all errors that the package raises on purpose; indices and numbers are attributes.
+    """Base of all errors that the package raises on purpose. Indices and numbers are attributes.
 
     If a type has a single message, `sentence` is its format string, with the attributes, and its docstring.
     """
@@ -375,7 +375,7 @@ def require_count(least: int = 1, **values: Any) -> None:
 
 
 def require_positive(name: str, value: Any, *, finite: bool = True, instead: str = "") -> None:
-    """Raises an OptionError unless a value is a positive number; `instead` names other allowed values."""
+    """Raises an OptionError unless a value is a positive number. `instead` names other allowed values."""
     try:
         number = float(value) if isinstance(value, Real) and not isinstance(value, bool) else math.nan
     except OverflowError:  # an integer of hundreds of digits

@@ -15,9 +15,9 @@ from contextvars import ContextVar
 from pathlib import Path
 from typing import Any, Literal
 
-# In bytes. A path on Windows has at most 260 characters; 120 are left for the output folder and the names in it.
+# In bytes. A path on Windows has at most 260 characters. 120 are left for the output folder and the names in it.
 _LONGEST_PART, _LONGEST_NAME = 100, 140
-# A compressed file may unpack to _FREE_SIZE bytes, or to MOST_RATIO times its size; text is compressed 3 to 20 times.
+# A compressed file may unpack to _FREE_SIZE bytes, or to MOST_RATIO times its size. Text is compressed 3 to 20 times.
 _FREE_SIZE, MOST_RATIO = 1 << 24, 200
 SURFACE_SUFFIX = ".safetensors"  # of saved surfaces
 MESH_SUFFIXES = (".obj", ".ply", ".stl", ".off", ".glb", ".vtp", ".vtk", ".3mf")  # of mesh files that can be read
@@ -177,18 +177,18 @@ def atomic_folder(path: str | os.PathLike[str], *, staging: str | os.PathLike[st
 
 
 def write_json(path: str | os.PathLike[str], value: Any) -> None:
-    """Writes a nested value as JSON, completely or not at all; NaN and infinity become null."""
+    """Writes a nested value as JSON, completely or not at all. NaN and infinity become null."""
     write_text(path, json_text(value))
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
-    """Writes a text file in UTF-8, completely or not at all; ? for undecodable bytes of file names."""
+    """Writes a text file in UTF-8, completely or not at all, with ? for undecodable bytes of file names."""
     with atomic_path(path) as temporary:
         temporary.write_text(text, encoding="utf-8", errors="replace", newline="\n")
 
 
 def json_text(value: Any) -> str:
-    """A nested value as JSON; NaN and infinity become null."""
+    """A nested value as JSON. NaN and infinity become null."""
     return json.dumps(finite(value), indent=2, allow_nan=False) + "\n"
 
 

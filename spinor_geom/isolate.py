@@ -200,7 +200,7 @@ def module_path() -> list[str]:
 def crash_of(status: int) -> str:
     """The signal or, on Windows, the exception of an exit status, or "" if the process exited by itself.
 
-    On POSIX systems the status is minus the signal's number; on Windows it is the exception's code, from 0xC0000000 up,
+    On POSIX systems the status is minus the signal's number. On Windows it is the exception's code, from 0xC0000000 up,
     and processes that others terminated have an ordinary status.
     """
     if status >= 0xC0000000:

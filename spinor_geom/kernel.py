@@ -19,7 +19,7 @@ _POINTS = np.ctypeslib.ndpointer(np.complex128, flags="C_CONTIGUOUS")
 _REGION = (_INTEGER, _POINTS, _INDICES, _NUMBER, _NUMBER, _INTEGER, _POINTS, _NUMBERS, _INTEGER)  # see size_field.hpp
 
 _MATRIX = (_SHORT_INDICES, _SHORT_INDICES, _NUMBERS)  # starts of columns, rows, values
-_FORM = (*_MATRIX, _NUMBERS, _NUMBERS, _NUMBER, *_MATRIX)  # of a function on the vertices; see bending.cpp
+_FORM = (*_MATRIX, _NUMBERS, _NUMBERS, _NUMBER, *_MATRIX)  # of a function on the vertices, see bending.cpp
 
 # the arguments of each function, as in `cpp`
 FUNCTIONS: dict[str, tuple[Any, ...]] = {
@@ -115,11 +115,11 @@ def call(name: str, *arguments: int | float | np.ndarray) -> None:
 def checked(
     name: str, values: ArrayLike, dtype: DTypeLike, *shape: int | None, least: float = -_LARGEST, most: float = _LARGEST
 ) -> np.ndarray:
-    """Values as a contiguous array, as the compiled part takes it; None in `shape` allows any length.
+    """Values as a contiguous array, as the compiled part takes it. None in `shape` allows any length.
 
     Raises:
         OptionError: the shape is another one, the values cannot be converted to the dtype without loss, or a value
-            (of complex numbers, a coordinate) is not from `least` to `most`; NaN never is.
+            (of complex numbers, a coordinate) is not from `least` to `most`, as NaN never is.
     """
     array = np.asarray(values)
     if not np.can_cast(array.dtype, dtype, "safe"):

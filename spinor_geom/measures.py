@@ -141,7 +141,7 @@ class DiscreteMeanCurvature:
 def discrete_mean_curvature(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"]) -> DiscreteMeanCurvature:
     """Mean curvature |H_i| = |n_i · Σ_j ½(cot α_ij + cot β_ij)(x_i − x_j)| / (2 A_i) at inner vertices.
 
-    The sum is the gradient of the mesh's area with respect to x_i; α_ij and β_ij are the angles opposite to edge ij,
+    The sum is the gradient of the mesh's area with respect to x_i. α_ij and β_ij are the angles opposite to edge ij,
     A_i is the mixed Voronoi area, n_i the area-weighted normal. H is the mean of the principal curvatures, 1/R on a
     sphere. Vertices on the boundary and unreferenced ones are left out.
 

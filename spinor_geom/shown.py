@@ -28,7 +28,7 @@ class Shown:
     """A surface or mesh with a view in Jupyter and conversions to types of other libraries.
 
     A SpinorSurface is meshed first, with about 4000 vertices. Values at the vertices are converted too: "normal" and
-    "gauss_curvature" of a minimal surface; of a mesh "mean_curvature" (|H|, NaN at the boundary) and its attributes.
+    "gauss_curvature" of a minimal surface, of a mesh "mean_curvature" (|H|, NaN at the boundary) and its attributes.
     """
 
     def _shape(self) -> Shape:
@@ -37,7 +37,7 @@ class Shown:
         return shape_of(self)
 
     def _repr_html_(self) -> str:
-        """An interactive view; called by Jupyter."""
+        """An interactive view, for Jupyter."""
         return self._shape().framed(title=type(self).__name__)
 
     def to_pyvista(self) -> pyvista.PolyData:

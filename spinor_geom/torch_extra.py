@@ -1,4 +1,4 @@
-"""torch, for the modules that cannot do without it; importing this one without torch raises a MissingPackageError."""
+"""torch, for the modules that cannot do without it. Importing this one without torch raises a MissingPackageError."""
 
 from spinor_geom.errors import require
 

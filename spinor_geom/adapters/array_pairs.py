@@ -82,7 +82,7 @@ def _array(values: Any) -> np.ndarray:
     if isinstance(values, np.ndarray):
         return values
     tensor = values.detach().cpu()
-    # numpy has no bfloat16; float64 holds every shorter floating type exactly
+    # numpy has no bfloat16, and float64 holds every shorter floating type exactly
     return np.asarray(tensor.double() if tensor.dtype.is_floating_point else tensor)
 
 

@@ -27,7 +27,7 @@ _FIELDS = {
     "FLOAT_COLOR": ("color", 4),
     "BYTE_COLOR": ("color_srgb", 4),
 }
-# kinds of layers of `bmesh` with real numbers, and how many; and with something else
+# kinds of layers of `bmesh` with real numbers, how many of them, and kinds with something else
 _REAL_LAYERS = {"float": 1, "float_vector": 3, "float_color": 4, "color": 4, "uv": 2}
 _OTHER_LAYERS = ("int", "bool", "string")
 _GROUP = "vertex group "
@@ -37,7 +37,7 @@ _SINGLE = stored_as(np.dtype(np.float32))  # Blender's positions
 class BlenderMeshAdapter:
     """`bpy.types.Mesh` with quads and polygons, in its own coordinates, and as it is shown if it is being edited.
 
-    Attributes of real numbers at vertices and at corners, such as texture coordinates, are called "attribute NAME"; at
+    Attributes of real numbers at vertices and at corners, such as texture coordinates, are called "attribute NAME". At
     a vertex whose corners differ, one of them counts. "shape key NAME" is the offset from the position. "vertex group
     I" are the weights in the I-th group at vertices of boundary edges, and 0 elsewhere.
     """
@@ -140,7 +140,7 @@ def append(edited: Any, extension: MeshExtension, shape_key: int = 0) -> list[An
         shape_key: the index of the shape key whose positions the mesh has.
 
     Raises:
-        VertexIndexError, MeshShapeError: as for `Adapter.extend`; also for a face over the vertices of another one.
+        VertexIndexError, MeshShapeError: as for `Adapter.extend`, and for a face over the vertices of another one.
     """
     count = len(edited.verts)
     require_existing_vertices(extension.faces, vertices=count + len(extension.vertices))
@@ -261,7 +261,7 @@ def _flush(mesh: Any) -> None:
 
 
 def _values(items: Any, name: str, width: int, dtype: type = np.float32) -> Any:
-    """The values of a collection of Blender's, (n, width); real ones in double precision."""
+    """The values of a collection of Blender's, (n, width), real ones in double precision."""
     values: np.ndarray = np.empty(len(items) * width, dtype=dtype)
     items.foreach_get(name, values)
     return values.reshape(-1, width).astype(np.float64 if dtype is np.float32 else np.int64)

@@ -34,7 +34,7 @@ class JoinedSplines:
     """Rational B-splines of one degree. Each begins where the one before ends, the first where the last ends."""
 
     spline: BSpline  # number k on k ≤ t < k + 1, in homogeneous coordinates (w·x, w·y, w·z, w) relative to `origin`
-    origin: Float[np.ndarray, " 3"]  # a point of Γ, in mesh units; derivatives far from 0 would lose digits
+    origin: Float[np.ndarray, " 3"]  # a point of Γ, in mesh units. Derivatives far from 0 would lose digits
 
     @classmethod
     def of(cls, splines: Sequence[NurbsCurve]) -> JoinedSplines:

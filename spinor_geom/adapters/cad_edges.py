@@ -25,7 +25,7 @@ class CadEdge:
 
 
 def free_edges(shapes: Sequence[Any]) -> tuple[EdgeKind, list[CadEdge]]:
-    """The edges of `TopoDS_Shape`s that belong to no face, all of one degree; without any, the free boundary of faces.
+    """The edges of `TopoDS_Shape`s that belong to no face, all of one degree, or else the free boundary of the faces.
 
     Edges of a free boundary have the direction of the boundary of a patch that continues the faces. Raises a
     NoEdgesError if there are none.

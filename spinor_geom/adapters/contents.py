@@ -43,7 +43,7 @@ class FileContents:
     tint: Float[np.ndarray, "n 3"] | None = None
     # the vertex that represents the position of each: itself, except at texture and normal seams
     representatives: Int[np.ndarray, " v"]
-    # the index of the loop that each polygon fills, also in an earlier fill if the file says so, or −1; None: all −1
+    # the index of the loop that each polygon fills, also in an earlier fill if the file says so, or −1. None: all −1
     face_loops: Int[np.ndarray, " p"] | None = None
     # curves beside faces, of vertex indices. A closed one repeats its first
     polylines: tuple[Int[np.ndarray, " _"], ...] = ()
@@ -55,7 +55,7 @@ class FileContents:
     # texture coordinates where a vertex has several, and the index into them of each corner of the faces that were read
     corner_uv: tuple[Float[np.ndarray, "n k"], Int[np.ndarray, " c"]] | None = None
     unit: str = ""  # of lengths, one of `METRES`, if the format has units
-    # the places of vertices that are NaN or infinite, as "line 12", by index; may be empty
+    # the places of vertices that are NaN or infinite, as "line 12", by index, as far as they are known
     nonfinite_places: Mapping[int, str] = field(default_factory=dict)
     stored: Stored | None = None  # the positions that new vertices get in the file
     is_text_stl: bool = False  # whether an STL file is to be written as text, with all digits

@@ -291,7 +291,7 @@ class PlacedPrimitive:
         return (self.rows[semantic].shape[1], self.rows[semantic].dtype) if semantic in self.rows else None
 
     def decoded(self, semantic: str) -> Float[np.ndarray, "n k"]:
-        """An attribute as float64 in the scene's coordinates; colours in the file's own scale."""
+        """An attribute as float64 in the scene's coordinates, colours in the file's own scale."""
         rows = self.rows[semantic]
         values = as_float64(rows)
         if semantic in self.normalized:

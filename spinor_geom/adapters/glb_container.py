@@ -20,7 +20,7 @@ COMPONENT_CODES = {np.dtype(name): code for code, name in COMPONENTS.items()}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 34962, 34963
 JSON_CHUNK, BIN_CHUNK = 0x4E4F534A, 0x004E4942
-DEEPEST_JSON = 100  # levels; Python's JSON has a limit of its own, which depends on the depth of the call
+DEEPEST_JSON = 100  # levels. Python's JSON has a limit of its own, which depends on the depth of the call
 STRING = re.compile(rb'"(?:[^"\\]|\\.)*"')
 LISTS = ("accessors", "buffers", "bufferViews", "meshes", "nodes", "scenes")
 

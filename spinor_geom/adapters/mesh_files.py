@@ -74,7 +74,7 @@ class MeshFile(Shown):
         contents: vertices, polygons, attributes and curves, old and new.
         mesh: the triangles: polygons split, and closed along texture and normal seams.
         face_polygons: (F,) int64, the index of the polygon of each triangle of `mesh`.
-        read_sizes: the numbers of vertices and faces that were read; those that follow were appended.
+        read_sizes: the numbers of vertices and faces that were read. Those that follow were appended.
     """
 
     path: Path | None
@@ -91,7 +91,7 @@ class MeshFile(Shown):
     def of_contents(
         cls, contents: FileContents, *, path: Path | None, read_sizes: tuple[int, int] | None = None
     ) -> MeshFile:
-        """Splits the polygons and closes the seams; without `read_sizes` nothing counts as appended."""
+        """Splits the polygons and closes the seams. Without `read_sizes` nothing counts as appended."""
         triangles, polygons = contents.polygons.triangulated(contents.vertices)
         require_finite(
             contents.vertices, contents.polygons.corners, contents.polygons.starts, contents.nonfinite_places
@@ -135,7 +135,7 @@ class MeshFile(Shown):
         """A new file with vertices of equal position merged, for files whose faces do not share vertices.
 
         Of each group the vertex of lowest index is kept, with its attributes. Corners of polygons that are equal to the
-        one before are removed, and so are polygons of fewer than three corners; `notes` has their numbers. Curves do
+        one before are removed, and so are polygons of fewer than three corners. `notes` has their numbers. Curves do
         not change. Materials and other data outside `contents` are not written.
 
         Args:
@@ -338,7 +338,7 @@ class MeshFile(Shown):
 
 
 def _write_beside(folder: Path, name: str, content: bytes) -> list[str]:
-    """Writes a file that a mesh refers to, without replacing another one; a sentence if there is one."""
+    """Writes a file that a mesh refers to, unless there is another one, which a sentence tells."""
     real = Path(os.path.realpath(folder))
     place = real.joinpath(*PurePosixPath(name).parts)
     if Path(os.path.realpath(place)) != place:
@@ -372,7 +372,7 @@ def read_mesh(path: str | os.PathLike[str]) -> MeshFile:
 
     Raises:
         ArgumentTypeError: `path` is not a path.
-        MeshFileError: no such file, no known format, or malformed; names the file and the place in it.
+        MeshFileError: no such file, no known format, or malformed. It names the file and the place.
         NonFiniteVertexError: a coordinate of a vertex that a face uses is NaN or infinite.
         MissingPackageError: the library that reads this format (.vtp, .vtk) is not installed.
     """
@@ -392,7 +392,7 @@ def read_mesh(path: str | os.PathLike[str]) -> MeshFile:
 
 
 def mesh_of_contents(contents: FileContents, suffix: str, *, path: Path | None = None) -> MeshFile:
-    """The file with these contents, the vertices of STL merged; a MeshFileError if it has neither faces nor curves."""
+    """The file with these contents, the vertices of STL merged. Raises a MeshFileError without faces and curves."""
     file = MeshFile.of_contents(contents, path=path)
     file = file.merged("rounding") if suffix == ".stl" else file
     if len(file.polygons) == 0 and not contents.polylines:
@@ -426,7 +426,7 @@ def write_triangles(
     path: str | os.PathLike[str],
     attributes: Mapping[str, Float[np.ndarray, "v _"]] | None = None,
 ) -> tuple[str, ...]:
-    """Writes triangles to a new file in the format of its suffix; returns and raises as `MeshFile.write`."""
+    """Writes triangles to a new file in the format of its suffix. Returns and raises as `MeshFile.write`."""
     contents = FileContents(
         vertices=np.asarray(vertices),
         polygons=Polygons.of_triangles(np.asarray(faces)),
@@ -447,11 +447,11 @@ class MeshFileAdapter:
         return _opened(obj).mesh
 
     def extend(self, obj: Any, extension: MeshExtension) -> MeshFile:
-        """The file with the extension appended, as a `MeshFile`; nothing is written."""
+        """The file with the extension appended, as a `MeshFile`. Nothing is written."""
         return _opened(obj).extended(extension)
 
     def merged(self, obj: Any, within: Within) -> MeshFile:
-        """The file with vertices merged, as by `MeshFile.merged`; nothing is written."""
+        """The file with vertices merged, as by `MeshFile.merged`. Nothing is written."""
         return _opened(obj).merged(within)
 
     def textured(self, obj: Any, largest: int) -> Textured | None:

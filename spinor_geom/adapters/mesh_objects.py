@@ -42,7 +42,7 @@ class Open3DAdapter:
         return without_seams(self._triangles(obj))
 
     def textured(self, obj: Any, largest: int) -> Textured | None:
-        """The only texture; Open3D stores images with the lowest row first."""
+        """The only texture. Open3D stores images with the lowest row first."""
         images = [np.asarray(texture) for texture in obj.textures if not texture.is_empty()]
         if not obj.has_triangle_uvs() or len(images) != 1:
             return None
@@ -54,7 +54,7 @@ class Open3DAdapter:
         return pixels_of(Image.fromarray(images[0][::-1]), largest), coordinates
 
     def extend(self, obj: Any, extension: MeshExtension) -> Any:
-        """A new mesh with the extension appended; textures are copied.
+        """A new mesh with the extension appended. Textures are copied.
 
         New triangles get normals if the old ones have some, texture coordinates (0, 0), and the most frequent material.
         """
@@ -199,7 +199,7 @@ class MeshSetAdapter:
         """A new `MeshSet` whose current mesh is the old one with the extension appended, before copies of the others.
 
         Label, transform, vertex colours, scalars and texture coordinates, face colours and scalars, and wedge texture
-        coordinates are kept; new faces get the most frequent face colour and scalar, and wedge texture coordinates
+        coordinates are kept. New faces get the most frequent face colour and scalar, and wedge texture coordinates
         (0, 0). pymeshlab cannot copy texture images, custom attributes, and which edges are diagonals of polygons.
         """
         mesh = self._current(obj)

@@ -49,7 +49,7 @@ def appended_obj(
             own, first = corner_indices[name]
             lines.append(_number_lines(keyword, extension.vertex_attributes[name], newline))
             indices = np.concatenate([own, np.arange(first, first + len(extension.vertices))])
-            # a vertex in no face has no index; any valid number can be written
+            # a vertex in no face has no index. Any valid number can be written
             corners.append(np.maximum(indices[extension.faces.ravel()], 0) + 1)
     sizes, has_uv = np.full(len(extension.faces), 3), "uv" in corner_indices or of_new_faces is not None
     lines.append(_face_lines(corners, sizes, extension.face_loops, newline, has_uv=has_uv, heads=heads))

@@ -22,7 +22,7 @@ Unit = Literal["mm", "cm", "m", "in"]
 _MILLIMETRES: dict[Unit, float] = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
 STEP, IGES, BREP = (".step", ".stp"), (".igs", ".iges"), (".brep",)
 CAD_SUFFIXES = (*STEP, *IGES, *BREP)
-# In Open CASCADE points at most 1e-7 apart are equal, in any unit; edges must be much longer
+# In Open CASCADE points at most 1e-7 apart are equal, in any unit. Edges must be much longer
 _LEAST_EDGE = 1e-4
 _DEFLECTION = 1e-3, True, 0.2  # of triangles: distance, which is relative to edges, and angle
 _PRODUCT_NAME = "write.step.product.name"
@@ -51,7 +51,7 @@ def require_cad_suffix(path: str | os.PathLike[str]) -> str:
 
 
 def sewn_shell(patches: Iterable[NurbsPatch], *, unit: Unit = "mm") -> Any:
-    """A `TopoDS_Shape` in millimetres, the shell of patches that are sewn along equal sides; `unit` is theirs.
+    """A `TopoDS_Shape` in millimetres, the shell of patches that are sewn along equal sides. `unit` is theirs.
 
     Raises an OptionError for an unknown unit, a CadFileError if sides are too short for Open CASCADE or the patches do
     not form one shell, and a MissingPackageError if OCP is not installed.
@@ -143,7 +143,7 @@ def spline_edge(spline: NurbsCurve) -> Any:
 def write_shape(shape: Any, path: str | os.PathLike[str], *, name: str = "minimal surface") -> None:
     """Writes a `TopoDS_Shape` in millimetres to a STEP, IGES or BREP file, completely or not at all.
 
-    The suffix selects the format; `name` is that of the part in a STEP file. Raises a CadFileError for an unknown
+    The suffix selects the format. `name` is that of the part in a STEP file. Raises a CadFileError for an unknown
     suffix or a shape that cannot be translated, a MissingPackageError without OCP, and an OSError.
     """
     suffix = require_cad_suffix(path)
@@ -275,7 +275,7 @@ def _children(label: Any) -> Iterator[Any]:
 
 
 def triangulated(shape: Any) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
-    """Triangles of the faces of a shape, in millimetres; each face has vertices of its own.
+    """Triangles of the faces of a shape, in millimetres. Each face has vertices of its own.
 
     They deviate from the faces by at most a thousandth of the edges of these, and by 0.2 radian. Raises a CadFileError
     for a shape without faces.

@@ -24,7 +24,7 @@ OLD_NAMES = ("char", "uchar", "short", "ushort", "int", "uint", "float", "double
 TYPES = {np.dtype(kind).name: kind for kind in NUMPY_TYPES} | dict(zip(OLD_NAMES, NUMPY_TYPES, strict=True))
 BYTE_ORDERS = {"ascii": "<", "binary_little_endian": "<", "binary_big_endian": ">"}
 LONGEST_COUNT = 18  # digits. No file holds more
-MOST_DECLARED = 1000  # elements and properties; the time to read a header grows with the square of their number
+MOST_DECLARED = 1000  # elements and properties. The time to read a header grows with the square of their number
 LINE = re.compile(rb"[^\r\n]*(?:\r\n|\n|\r)")
 # attributes of several properties, with the names that programs use for these
 GROUPS: Mapping[str, tuple[tuple[str, ...], ...]] = {
@@ -34,7 +34,7 @@ GROUPS: Mapping[str, tuple[tuple[str, ...], ...]] = {
 }
 CORNER_UV, IMAGE_OF_FACE = "texcoord", "texnumber"  # properties of faces: two numbers a corner, an index of an image
 FACE_LISTS = ("vertex_indices", "vertex_index")
-STRIPS = "tristrips"  # the element of triangle strips; −1 begins another strip
+STRIPS = "tristrips"  # the element of triangle strips. −1 begins another strip
 TEXTURE = re.compile(rb"^comment TextureFile ([^\r\n]{1,1000})", re.MULTILINE)  # as MeshLab writes it
 
 
@@ -70,7 +70,7 @@ def _read_header(data: bytes) -> tuple[int, Records]:
     end = re.search(rb"(?:^|[\r\n])end_header[ \t]*(\r\n|\n|\r)", data)
     if end is None:
         raise malformed("header", "has no line 'end_header'")
-    # "\r" before binary data that begins with "\n" is ambiguous; the first line of the file decides
+    # "\r" before binary data that begins with "\n" is ambiguous. The first line of the file decides
     newline = b"\r\n" if data[start + 3 : start + 5] == b"\r\n" else data[start + 3 : start + 4]
     size = end.start(1) + len(newline) if end[1].startswith(newline) else end.end()
     lines = [(line.start(), line[0].decode("latin-1").rstrip()) for line in LINE.finditer(data, start, size)]
@@ -113,7 +113,7 @@ def _property(description: list[str], order: str) -> Property | None:
 
 
 def contents_of_records(records: Records, *, suffix: str) -> FileContents:
-    """The contents of a file from its records of vertices and faces; `suffix` as in `FileContents`.
+    """The contents of a file from its records of vertices and faces. `suffix` as in `FileContents`.
 
     Colours, normals and texture coordinates become "color", "normal" and "uv". Every other scalar property of the
     vertices becomes an attribute under its own name. Edges along which texture coordinates or normals differ are seams.

@@ -86,7 +86,7 @@ class Polygons:
 
         A polygon is split into the fan of triangles from one of its corners. It is the fan that maximises the least
         inner product of a triangle's area vector with the polygon's, so that a quad with a reflex corner is split along
-        its inner diagonal; of equal fans the one from the earliest corner. Polygons of more than `LARGEST_SEARCHED`
+        its inner diagonal, of equal fans by the one from the earliest corner. Polygons of more than `LARGEST_SEARCHED`
         corners get the fan from the first one. Raises as `require_valid`.
         """
         self.require_valid(len(vertices))
@@ -149,7 +149,7 @@ def chained(elements: Sequence[Int[np.ndarray, " _"]]) -> tuple[tuple[int, Int[n
             continue
         unused.discard(number)
         curve = list(first)
-        for _ in range(2):  # beyond its last vertex; then, reversed, beyond its first
+        for _ in range(2):  # beyond its last vertex and then, reversed, beyond its first
             while curve[0] != curve[-1] and len(ends[curve[-1]]) == 2:
                 # one of the two is the last piece of the curve. The other is unused, because the curve is not closed
                 follower = next(piece for piece in ends[curve[-1]] if piece in unused)

@@ -46,7 +46,7 @@ class PyVistaAdapter:
     def extend(self, obj: Any, extension: MeshExtension) -> Any:
         """A new mesh of the same type with the extension appended: its cells after the old ones, as triangles.
 
-        Field data are copied, and the same arrays are active. New cells get the most frequent cell data; point data
+        Field data are copied, and the same arrays are active. New cells get the most frequent cell data. Point data
         that are not real numbers get zeros or empty entries at new points.
         """
         import pyvista
@@ -74,7 +74,7 @@ class PyVistaAdapter:
         return made
 
     def merged(self, obj: Any, within: Within) -> Any:
-        """A new mesh of the same type with points merged; cells, lines and data are copied."""
+        """A new mesh of the same type with points merged. Cells, lines and data are copied."""
         import pyvista
 
         kept, new_index = self.to_mesh(obj).merge_map(within)
@@ -128,7 +128,7 @@ def _arrays(mesh: Any) -> dict[str, Any]:
 
 
 def set_array(data: Any, name: str, values: np.ndarray) -> None:
-    """Adds an array to the data of a mesh; PyVista itself refuses texts that are not ASCII."""
+    """Adds an array to the data of a mesh. PyVista itself refuses texts that are not ASCII."""
     if values.dtype.kind != "U":
         data.set_array(values, name)
         return

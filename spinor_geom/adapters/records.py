@@ -17,7 +17,7 @@ from spinor_geom.adapters.contents import first_unreadable, malformed, real_numb
 from spinor_geom.adapters.vertex_data import cast_values
 from spinor_geom.errors import MeshFileError
 
-LARGEST_RECORD = 1 << 30  # bytes; numpy's records are below 2 GiB
+LARGEST_RECORD = 1 << 30  # bytes, as records of NumPy are below 2 GiB
 
 
 class Property(NamedTuple):
@@ -57,7 +57,7 @@ class Records:
     def appended(self, columns: Mapping[str, Mapping[str, np.ndarray]]) -> bytes:
         """The file with records added to some elements. Of its own bytes only their counts change.
 
-        `columns` has for each of these elements the new values of its properties, (n,) or (n, k) for lists; lists that
+        `columns` has for each of these elements the new values of its properties, (n,) or (n, k) for lists. Lists that
         are not given are empty.
         """
         edits = []
@@ -82,7 +82,7 @@ class Records:
 
 
 def binary_records(properties: tuple[Property, ...], columns: Mapping[str, np.ndarray], count: int) -> bytes:
-    """`count` binary records whose lists are equally long; columns as in `Records.appended`, for one element."""
+    """`count` binary records whose lists are equally long, with columns as in `Records.appended`, for one element."""
     tables = _tables(properties, columns, count, as_text=False)
     return np.hstack([np.ascontiguousarray(table).view(np.uint8) for table in tables]).tobytes()
 
@@ -90,7 +90,7 @@ def binary_records(properties: tuple[Property, ...], columns: Mapping[str, np.nd
 def _tables(
     properties: tuple[Property, ...], columns: Mapping[str, np.ndarray], count: int, *, as_text: bool
 ) -> list[Shaped[np.ndarray, "{count} _"]]:
-    """The columns of records, side by side, in the declared types; in text real numbers keep all their digits."""
+    """The columns of records, side by side, in the declared types. In text real numbers keep all their digits."""
     tables = []
     for item in properties:
         values = columns.get(item.name, np.zeros((count, 0))).reshape(count, -1)

@@ -134,7 +134,7 @@ def known_types() -> tuple[str, ...]:
 
 
 def _adapter_of(obj: Any) -> Adapter:
-    """The adapter of the nearest class of an object; for a pair, of the nearest class of both members."""
+    """The adapter of the nearest class of an object, or of the nearest class of both members of a pair."""
     names = [_class_name(cls) for cls in type(obj).__mro__]
     if isinstance(obj, (tuple, list)) and len(obj) == 2:
         second = type(obj[1]).__mro__

@@ -73,7 +73,7 @@ def _loop_of_mesh(what: Any, loop: int | None) -> BoundaryLoop:
 
 
 def _of_cad(curves: list[CadCurve], loop: int | None) -> list[Rim]:
-    """The curve of a number, the longest first; without one all wires, or the only free boundary."""
+    """The curve of a number, the longest first, or without one all wires or the only free boundary."""
     if loop is not None:
         if not 0 <= loop < len(curves):
             raise LoopIndexError(index=loop, loops=len(curves))

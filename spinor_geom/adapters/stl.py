@@ -36,7 +36,7 @@ def read_stl(data: bytes) -> FileContents:
     is_text = data.removeprefix(BYTE_ORDER_MARK).lstrip()[:5].lower() == b"solid" and b"\0" not in data
     count = int(np.frombuffer(data, "<u4", 1, HEADER)[0]) if len(data) >= HEADER + 4 else 0
     size = HEADER + 4 + count * FACET.itemsize
-    # the header of a binary file may begin like text; less than a facet of padding may follow
+    # the header of a binary file may begin like text. Less than a facet of padding may follow
     if size <= len(data) < size + (1 if is_text else FACET.itemsize):
         corners, is_text = np.frombuffer(data, FACET, count, HEADER + 4)["corners"], False
     elif is_text:

@@ -90,7 +90,7 @@ class Appearance:
     """What a mesh file says about materials: files that it refers to, or the only texture, which is inside."""
 
     names: tuple[str, ...] = ()
-    materials: tuple[str, ...] = ()  # of the libraries, those that the mesh uses; empty: all
+    materials: tuple[str, ...] = ()  # of the libraries, those that the mesh uses, or none for all
     texture: Texture | None = None
     has_several: bool = False  # whether textures are inside that no other format of ours holds
     others: tuple[str, ...] = ()  # properties of the materials besides the texture
@@ -181,7 +181,7 @@ def _slashes(name: str) -> str:
 
 
 def _read(folder: Path, name: str, suffixes: tuple[str, ...], most: int) -> bytes:
-    """The bytes of a regular file in a folder or below it, at most `most`; a `_RefusedError` for anything else."""
+    """The bytes of a regular file in a folder or below it, at most `most`. Raises a `_RefusedError` otherwise."""
     parts = PurePosixPath(name).parts
     if name.startswith("/") or ".." in parts or ":" in name or any(part.startswith(".") for part in parts):
         raise _RefusedError("its name leads outside the folder of the file, or to a hidden file")

@@ -281,7 +281,7 @@ def read_3mf(data: bytes) -> FileContents:
 
 
 def encode_3mf(contents: FileContents) -> bytes:
-    """A new 3MF file of one mesh: positions and triangles, closed along seams; in millimetres without a unit."""
+    """A new 3MF file of one mesh: positions and triangles, closed along seams, in millimetres unless it has a unit."""
     triangles, _ = contents.polygons.renumbered(contents.representatives).triangulated(contents.vertices)
     mesh = _object_text("1", "", contents.vertices, triangles)
     return _package_bytes([mesh], [_item_text("1", IDENTITY)], contents.unit or DEFAULT_UNIT)

@@ -29,7 +29,7 @@ class TrimeshAdapter:
     """`trimesh.Trimesh`, with its vertex colours, texture coordinates, normals and vertex attributes.
 
     The attributes are called "color" (0 to 255), "uv", "normal" (if normals were given or have been computed) and by
-    the names in `vertex_attributes`; one whose name clashes gets the prefix "attribute ". On a mesh with a texture
+    the names in `vertex_attributes`. One whose name clashes gets the prefix "attribute ". On a mesh with a texture
     (`TextureVisuals`) edges along which texture coordinates, normals or colours differ are seams, and closed.
     """
 
@@ -52,7 +52,7 @@ class TrimeshAdapter:
         return pixels_of(image, largest), np.asarray(visual.uv, dtype=np.float64)[np.asarray(obj.faces)[kept], :2]
 
     def extend(self, obj: trimesh.Trimesh, extension: MeshExtension) -> trimesh.Trimesh:
-        """A new `Trimesh` with the extension appended; material, metadata and attributes are copied.
+        """A new `Trimesh` with the extension appended. Material, metadata and attributes are copied.
 
         New faces get the most frequent face colour and face attributes. Attributes that are not real numbers get zeros
         or empty entries at new vertices. Normals are kept only if the extension has them. Otherwise trimesh computes
@@ -81,7 +81,7 @@ class TrimeshAdapter:
         )
 
     def merged(self, obj: trimesh.Trimesh, within: Within) -> trimesh.Trimesh:
-        """A new `Trimesh` with vertices merged; material, metadata and attributes are copied."""
+        """A new `Trimesh` with vertices merged. Material, metadata and attributes are copied."""
         kept, new_index = self.to_mesh(obj).merge_map(within)
         # before update_vertices drops them
         normals = _arrays(obj).get("normal")
@@ -101,7 +101,7 @@ def _triangles(mesh: trimesh.Trimesh) -> TriangleMesh:
 def _arrays(mesh: trimesh.Trimesh) -> dict[str, Any]:
     """The arrays at the vertices under their names in a `TriangleMesh`."""
     arrays = _visual_arrays(mesh)
-    # the only place where trimesh keeps normals that were given; reading mesh.vertex_normals would compute them
+    # the only place where trimesh keeps normals that were given. Reading mesh.vertex_normals would compute them
     if "vertex_normals" in mesh._cache:
         arrays["normal"] = np.asarray(mesh._cache["vertex_normals"])
     return arrays | {_attribute_name(mesh, name): values for name, values in mesh.vertex_attributes.items()}

@@ -21,7 +21,7 @@ def triangles_of(vertices: np.ndarray, faces: np.ndarray, arrays: Mapping[str, A
 
 
 def as_float64(values: np.ndarray) -> np.ndarray:
-    """Numbers in double precision; NaN of any kind is NaN, and no warning."""
+    """Numbers in double precision. NaN of any kind is NaN, and no warning."""
     with np.errstate(invalid="ignore"):
         return values.astype(np.float64)
 
@@ -76,7 +76,7 @@ def append_rows(values: np.ndarray, rows: Float[np.ndarray, "k c"]) -> np.ndarra
 
 
 def cast_values(values: Real[np.ndarray, "k c"], dtype: np.dtype[Any]) -> np.ndarray:
-    """Numbers in another dtype; for integers and booleans rounded to the nearest one that the dtype holds."""
+    """Numbers in another dtype, rounded to the nearest one that it holds for integers and booleans."""
     if dtype.kind == "b":
         return values >= 0.5
     if dtype.kind not in "iu":
@@ -94,7 +94,7 @@ def append_most_frequent(values: Any, count: int) -> np.ndarray:
 
 
 def most_frequent_row(values: np.ndarray) -> np.ndarray:
-    """The most frequent of (n, ...) values, (1, ...); zeros if there are none, or if they are not real numbers."""
+    """The most frequent of (n, ...) values, (1, ...), or zeros if there are none, or if they are not real numbers."""
     if len(values) == 0 or values.dtype.kind not in "biuf":
         return np.zeros((1, *values.shape[1:]), dtype=values.dtype)
     _, first, counts = np.unique(values.reshape(len(values), -1), axis=0, return_index=True, return_counts=True)
@@ -102,13 +102,13 @@ def most_frequent_row(values: np.ndarray) -> np.ndarray:
 
 
 def unit_vectors(vectors: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-    """Vectors of length 1 in the same directions; zero stays zero."""
+    """Vectors of length 1 in the same directions, and zero for zero."""
     lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.asarray(np.divide(vectors, lengths, out=np.zeros_like(vectors), where=lengths > 0))
 
 
 def parts_of_faces(extension: MeshExtension, starts: Sequence[int], vertices: int) -> Int[np.ndarray, "t parts"]:
-    """The number of vertices of each part of a mesh in the patch of each new face; part i begins at starts[i]."""
+    """The number of vertices of each part of a mesh in the patch of each new face. Part i begins at starts[i]."""
     faces = extension.faces
     labels = linked(np.concatenate([faces[:, :2], faces[:, 1:]]), vertices + len(extension.vertices))
     patches, patch_of_face = np.unique(labels[faces[:, 0]], return_inverse=True)

@@ -73,7 +73,7 @@ Arrays: TypeAlias = dict[str, Shaped[np.ndarray, "_ ..."]]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Data:
-    """Arrays of values by name, at points, in cells, or of the whole mesh; text as numpy strings."""
+    """Arrays of values by name, at points, in cells, or of the whole mesh, with text as numpy strings."""
 
     arrays: Arrays = field(default_factory=dict)
     active: dict[str, str] = field(default_factory=dict)  # the names of the arrays that have one of `ROLES`

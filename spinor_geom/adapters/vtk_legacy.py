@@ -168,7 +168,7 @@ class _Text:
         return int(word)
 
     def skip_metadata(self, *, optional: bool = False) -> None:
-        """Skips the lines up to a blank one; if optional, only after the word METADATA."""
+        """Skips the lines up to a blank one, if optional only after the word METADATA."""
         if not optional or self.next_is("METADATA"):
             self.line()
             while self.line():

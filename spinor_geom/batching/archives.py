@@ -43,7 +43,7 @@ class Member:
 
     name: str
     size: int  # in bytes, unpacked
-    place: int  # in a tar archive, the offset of its first byte in the unpacked archive; in a zip archive, its number
+    place: int  # in a tar archive, the offset of its first byte when unpacked, in a zip archive its number
     is_regular: bool = True  # else a link, a device or a sparse file, which cannot be read
 
 
@@ -55,7 +55,7 @@ def is_archive(path: str) -> bool:
 def members(path: Path) -> Iterator[Member]:
     """The files in an archive, in its order. They are safe to use only after the iteration has ended without an error.
 
-    Raises an ArchiveError if the archive is damaged or unpacks to over 200 times its size; and an OSError.
+    Raises an ArchiveError if the archive is damaged or unpacks to over 200 times its size, and an OSError.
     """
     packed = path.stat().st_size
     with _damage_as_archive_error(path), _opened(path) as archive:
@@ -89,7 +89,7 @@ class ArchiveReader:
         self._archive: zipfile.ZipFile | tarfile.TarFile | None = None
 
     def read(self, path: Path, member: Member) -> bytes:
-        """The bytes of a member; ArchiveError if the archive is damaged or has changed, OSError if it is unreadable."""
+        """The bytes of a member. Raises an ArchiveError for a damaged or changed archive, and an OSError."""
         with _damage_as_archive_error(path, member.name):
             status = path.stat()
             key = (path, status.st_size, status.st_mtime_ns)

@@ -124,9 +124,9 @@ def batch(
             (.csv with a column "path", .jsonl), and archives (.zip, .tar, compressed or not), which are read without
             being unpacked. All are listed before the first is solved, in a temporary file.
         output: the folder to write to, new or empty unless a run is resumed.
-        what: "fill" writes the triangulation of each loop and, for files with faces, the filled mesh; "surface" writes
-            the triangulation and the spinor surface, for `SpinorSurface.load`; "loops" writes the loops only.
-        format: of the meshes: "obj", "ply", "stl", "off", "glb", "vtp", "vtk", "3mf" or "npz"; None for the format of
+        what: "fill" writes the triangulation of each loop and, for files with faces, the filled mesh. "surface" writes
+            the triangulation and the spinor surface, for `SpinorSurface.load`. "loops" writes the loops only.
+        format: of the meshes: "obj", "ply", "stl", "off", "glb", "vtp", "vtk", "3mf" or "npz", or None for that of
             each input ("obj" for "loops").
         loop: as for `fill_hole`, for every file. A file without such a loop fails.
         bridge: as for `fill_hole`, for every file.
@@ -224,7 +224,7 @@ class _Run:
     start: float = field(default_factory=perf_counter)
 
     def incomplete(self, sources: Iterable[Source]) -> Iterator[Source]:
-        """The sources that are not complete; counts the others."""
+        """The sources that are not complete. The others are counted."""
         for source in sources:
             summary = self.store.completed(source)
             if summary is None:

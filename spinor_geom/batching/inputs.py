@@ -29,7 +29,7 @@ MOST_NAMED = 5  # suffixes named in an error
 class Source:
     """One mesh file of a batch, or an input that cannot be used."""
 
-    key: str  # a safe relative path, unique in the batch; also names the folder of its results
+    key: str  # a safe relative path, unique in the batch, and the name of the folder of its results
     path: str  # the file, or the archive that holds it
     member: str = ""  # its name in the archive, if any
     place: int = 0  # its position in the archive, as in `Member`
@@ -170,7 +170,7 @@ class Inputs:
                     yield Source(path=path, modified=modified, **json.loads(line))
 
     def _is_wanted(self, name: str) -> bool:
-        """Whether a file in a folder is read; counts other files."""
+        """Whether a file in a folder is read. Others are counted."""
         if os.path.isdir(name):
             return False
         if name.lower().endswith(MESH_SUFFIXES) or is_archive(name):

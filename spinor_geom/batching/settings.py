@@ -1,4 +1,4 @@
-"""Options of a batch and limits for each file. Importing takes little time; processes that solve get them as JSON."""
+"""Options of a batch and limits for each file. Importing takes little time. Processes that solve get them as JSON."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class BatchOptions(Choice, PatchOptions):
 
 
 def _as_json(name: str, value: Any) -> Any:
-    """One loop index as an int, several as a list of ints, bridges as lists of them; "all" and None unchanged."""
+    """One loop index as an int, several as a list of ints, bridges as lists of them, "all" and None unchanged."""
     if value is None or (isinstance(value, str) and value == "all"):
         return value
     try:

@@ -22,7 +22,7 @@ from spinor_geom.fill.solved_loops import SolvedLoop, solved_loops
 from spinor_geom.isolate import Send, serve
 from spinor_geom.plateau.options import usable_place
 
-WAITING = 4  # files that are written while the next is meshed; writing one waits for the disk several times
+WAITING = 4  # files that are written while the next is meshed. Writing one waits for the disk several times
 
 
 def work(job: dict[str, Any], send: Send, *, archives: ArchiveReader, pictures: MeshPictures) -> None:
@@ -112,7 +112,7 @@ def _patches(
 def _results(
     task: FileTask, rims: Iterator[SolvedLoop], curves: Iterator[SolvedLoop]
 ) -> tuple[dict[str, Any], dict[str, Writer]]:
-    """The record and the files of a task; always takes all patches of its loops from the iterators."""
+    """The record and the files of a task. All patches of its loops are taken from the iterators in any case."""
     own = islice(rims, len(task.rims)), islice(curves, len(task.curve_loops))
     try:
         return task.results(*own)
@@ -124,5 +124,5 @@ def _results(
 
 
 if __name__ == "__main__":
-    warnings.simplefilter("ignore")  # standard error is not shown; notes are in the records
+    warnings.simplefilter("ignore")  # standard error is not shown. Notes are in the records
     serve(partial(work, archives=ArchiveReader(), pictures=MeshPictures()))

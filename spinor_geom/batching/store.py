@@ -28,7 +28,7 @@ RESULTS, STAGING = "files", ".staging"
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 # From best to worst. "open": a loop that was not requested. "imperfect": the patch intersects something, or with
 # `strict` it is not an exact surface within the tolerance. "failed": a loop without a patch, a file with such a loop,
-# or a file that cannot be used. "fault": the file's process crashed or was killed; a resumed batch retries it.
+# or a file that cannot be used. "fault": the file's process crashed or was killed. A resumed batch retries it.
 STATUSES = ("done", "open", "imperfect", "failed", "fault")
 _FIGURES = ("vertices", "faces", "curves", "closed", "complete", "watertight", "intersection_free")
 _FILES = ("filled", "picture", "page")  # of the whole mesh
@@ -177,7 +177,7 @@ def log_line(summary: dict[str, Any]) -> str:
 
 @contextmanager
 def opened_store(output: str | os.PathLike[str], options: BatchOptions, *, resume: bool) -> Iterator[Store]:
-    """Locks the output folder, which is new, empty, or that of the run to resume; BatchError if it cannot be used."""
+    """Locks the output folder, which is new, empty, or that of the run to resume. Raises a BatchError otherwise."""
     import filelock
 
     root = Path(os.path.realpath(output))

@@ -100,7 +100,7 @@ def _no_formula(value: Any) -> Any:
 
 
 class _PageContent:
-    """The content of the page, collected from the records; of bounded size."""
+    """The content of the page, collected from the records, of bounded size."""
 
     def __init__(self) -> None:
         self.files: Counter[str] = Counter()

@@ -171,7 +171,7 @@ class FileTask:
     def _entry(
         self, outcome: LoopOutcome, name: str, origin: str, patch: LoopPatch | None, contents: FileContents
     ) -> dict[str, Any]:
-        """The entry of a loop; adds its files. The loop's vertices are those of the contents."""
+        """The entry of a loop, whose files are added. The loop's vertices are those of the contents."""
         loop, solution = outcome.loop, outcome.solution
         figures = outcome.to_dict() | {
             "elongation": loop.elongation,

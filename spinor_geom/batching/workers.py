@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 ENVIRONMENT = {
     **dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMEXPR_NUM_THREADS"), "1"),
-    # Dask sets these for its workers so that malloc returns all memory to the system, which takes a fifth of the time;
-    # these are the default values of malloc
+    # Dask sets these for its workers so that malloc returns all memory to the system, which takes a fifth of the time.
+    # These are the default values of malloc
     "MALLOC_MMAP_THRESHOLD_": str(32 << 20),
     "MALLOC_TRIM_THRESHOLD_": str(64 << 20),
 }
@@ -38,7 +38,7 @@ class Workers:
     """Threads that run blocks of a batch."""
 
     executor: Executor
-    count: Callable[[], int]  # how many blocks run at a time; clusters grow and shrink
+    count: Callable[[], int]  # how many blocks run at a time, as clusters grow and shrink
     killed: tuple[type[Exception], ...] = ()  # raised by the future of a block whose workers died
 
 
@@ -131,7 +131,7 @@ def run_block(job: dict[str, Any], limits: Limits) -> dict[str, Any]:
 
 
 def process_of_thread(token: str) -> Process:
-    """The process that solves for this thread; later blocks and runs use it again."""
+    """The process that solves for this thread. Later blocks and runs use it again."""
     _, process = _processes.get(threading.get_ident(), (token, None))
     process = process or Process("spinor_geom.batching.solver", ENVIRONMENT)
     _processes[threading.get_ident()] = token, process

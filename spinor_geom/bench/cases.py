@@ -94,7 +94,7 @@ KNOWN: Mapping[str, tuple[Kind, Callable[[], KnownCurve | KnownSurface | KnownPa
     "schwarz-prism-tall": ("corners", lambda: gallery.schwarz_prism(1.5)),
     "schwarz-h": ("corners", lambda: gallery.schwarz_h(0.3)),
 }
-"""Kind and constructor of the known cases; "random-SEED" is a surface of random polynomials of degree 4."""
+"""Kind and constructor of the known cases. "random-SEED" is a surface of random polynomials of degree 4."""
 
 SMOOTH = tuple(name for name, (kind, _) in KNOWN.items() if kind == "smooth")
 SAMPLED = tuple(f"{name}@{how}" for name in SMOOTH for how in ("even", "uneven"))
@@ -109,7 +109,7 @@ def known_kind(name: str) -> Kind:
 
 @lru_cache(maxsize=4)
 def known_case(name: str) -> Case:
-    """A case by name; "NAME@even" and "NAME@uneven" for smooth ones. Raises OptionError for other names."""
+    """A case by name. "NAME@even" and "NAME@uneven" for smooth ones. Raises OptionError for other names."""
     base, at, sampling = name.partition("@")
     head, _, seed = base.partition("-")
     if base in KNOWN:

@@ -162,7 +162,7 @@ def scan_names(folder: Path | None) -> tuple[str, ...]:
 
 
 def _scan_disk(name: str, folder: Path) -> CutOut:
-    """Removes the faces within a random edge distance of a random vertex; draws again until they form a disk."""
+    """Removes the faces within a random edge distance of a random vertex. Draws again until they form a disk."""
     stem, _, number = name.rpartition("-")
     scan = next(file for file in SCANS if Path(file).stem == stem)
     mesh, graph, edge = _read_scan(folder / scan)

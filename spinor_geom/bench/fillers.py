@@ -45,7 +45,7 @@ class Tool(Generic[Call]):
     package: str
     options: str  # a description
     call: Call  # on a loop, a hole or the edges of a frame
-    most_points: int = sys.maxsize  # of a loop; more take minutes
+    most_points: int = sys.maxsize  # of a loop, as more take minutes
 
 
 def _solved(loop: BoundaryLoop) -> tuple[Surface, Mesh]:

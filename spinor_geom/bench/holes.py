@@ -139,7 +139,7 @@ def cut_hole(
     removed: Bool[np.ndarray, " f"],
     **known: Any,
 ) -> Hole:
-    """The mesh without the removed faces and the vertices that only they use; its rims bound the removed faces."""
+    """The mesh without the removed faces and the vertices that only they use. Its rims bound the removed faces."""
     used, rest = np.unique(faces[~removed], return_inverse=True)
     rim = np.flatnonzero(np.isin(used, faces[removed]))
     return Hole(name=name, vertices=vertices[used], faces=rest.reshape(-1, 3), rim=rim, **known)
@@ -152,7 +152,7 @@ def hole_of_file(path: str | Path) -> Hole:
 
 
 def mesh_files(folder: Path, patterns: Sequence[str] = ()) -> list[Path]:
-    """The mesh files of a folder that have faces and boundary edges; with patterns, those whose names match one."""
+    """The mesh files of a folder that have boundary edges, only those whose names match a pattern if there are any."""
     found = []
     for path in sorted(folder.iterdir()):
         named = not patterns or any(fnmatchcase(path.name, pattern) for pattern in patterns)

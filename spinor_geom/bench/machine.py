@@ -30,7 +30,7 @@ def _load() -> float | None:
 
 
 def machine() -> dict[str, Any]:
-    """Processor, cores, system, load, and the versions of the compared packages; None for one that is not installed."""
+    """Processor, cores, system, load, and the versions of the compared packages, None for one that is not installed."""
     found = {name: importlib.metadata.distributions(name=name) for name in _PACKAGES}
     versions = {name: next((one.version for one in here), None) for name, here in found.items()}
     return {

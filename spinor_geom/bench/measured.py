@@ -23,7 +23,7 @@ from spinor_geom.meshing.embed import mesh_patch
 from spinor_geom.plateau.solution import PlateauSolution
 
 _CURVATURE_POINTS = 100  # of the exact |H|, which takes some milliseconds a point
-_DISTANCE_SAMPLES, _SURFACE_TRIANGLES = 5_000, 2_000  # fewest samples of a mesh; triangles of our surface
+_DISTANCE_SAMPLES, _SURFACE_TRIANGLES = 5_000, 2_000  # fewest samples of a mesh, and triangles of our surface
 _MOST_FACES = 300_000  # intersections of more faces are not counted: the exact predicates take minutes
 _SAME = 1e-6  # vertices closer than this, per diagonal, are the same: some tools keep single precision
 
@@ -60,7 +60,7 @@ def disk_figures(surface: Surface, mesh: Mesh, loop: BoundaryLoop, case: Case) -
 def mesh_figures(
     vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "f 3"], diameter: float, chart: Chart | None
 ) -> Record:
-    """The figures of a triangle mesh; lengths are divided by the diameter."""
+    """The figures of a triangle mesh. Lengths are divided by the diameter."""
     curvature = discrete_mean_curvature(vertices, faces)
     figures: Record = {
         "triangles": len(faces),
@@ -121,7 +121,7 @@ def hole_figures(filled: Filled, hole: Hole, case: Case | None) -> Record:
 
 
 def cut_out_figures(filled: Filled, cut_out: CutOut) -> Record:
-    """The figures of a filled cut-out; lengths are divided by the largest distance of two rim points."""
+    """The figures of a filled cut-out. Lengths are divided by the largest distance of two rim points."""
     figures = hole_figures(filled, cut_out.hole, None) | {"diameter": cut_out.diameter, "kind": cut_out.kind}
     _, of_patch, vertex_of = _parts(filled, cut_out.hole)
     patch = filled.faces[of_patch]
@@ -171,7 +171,7 @@ def rim_bend(
 
 
 def _parts(filled: Filled, hole: Hole) -> tuple[Bool[np.ndarray, " f"], Bool[np.ndarray, " f"], Int[np.ndarray, " n"]]:
-    """Whether each face is a face of the hole's mesh, or of a patch; each vertex's id in the hole's mesh, or −1.
+    """Whether each face is a face of the hole's mesh, or of a patch, and each vertex's id in the hole's mesh, or −1.
 
     Vertices are matched by position, because some tools renumber them, and by index where their order was kept.
     Parts of old triangles that a tool divided or moved, and caps on other boundaries, are neither.

@@ -15,7 +15,7 @@ from spinor_geom.bench.odd_holes import NOTHING_MISSING
 LEAST_POINTS = 64  # of a loop that is compared with its smooth curve
 CAP_DISTANCES = dict(zip(HEIGHTS, (2e-3, 4e-3, 8e-3, 2e-2), strict=True))  # from unit spheres, by the caps' heights
 _ROUNDING = 1e-15  # smaller errors are rounding
-# least ratios of the area errors of discrete surfaces and of other fillers to ours; largest ratio of ours to the limit
+# least ratios of the area errors of discrete surfaces and of other fillers to ours, largest ratio of ours to the limit
 # error
 _CLOSER, _NEARER, _OF_LIMIT = 1e3, 1e4, 10.0
 

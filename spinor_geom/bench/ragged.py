@@ -35,7 +35,7 @@ def reported_holes() -> Mapping[str, Hole]:
 
 
 def reported_bowls(count: int = 60, *, rim: Rim = "ragged") -> Iterator[Hole]:
-    """Bowls with openings of 45° to 85°, all spheres and noises in turn; seeds do not depend on the kind of rim."""
+    """Bowls with openings of 45° to 85°, all spheres and noises in turn. Seeds do not depend on the kind of rim."""
     return (reported_bowl(k, count, rim=rim) for k in range(count))
 
 
@@ -52,7 +52,7 @@ def reported_tubes(count: int = 20) -> Iterator[Hole]:
 
 
 def bowl(opening: float, ball: str = "icosphere-4", *, rim: Rim = "ragged", noise: float = 0.0, seed: int = 0) -> Hole:
-    """The part of a unit sphere within an angle, in degrees, of its lowest point; a flat lid meets it at that angle.
+    """The part of a unit sphere within an angle, in degrees, of its lowest point. A flat lid meets it at that angle.
 
     The sphere is rotated at random. A ragged rim consists of edges of the sphere's triangles, a smooth one cuts
     triangles. `noise` is the standard deviation of the vertices' displacements, per radius.

@@ -76,7 +76,7 @@ def page_text(run: Run) -> str:
 def pieces_of(folder: Path) -> dict[str, Faces]:
     """The removed piece and each filler's patch side by side, by name, from the files that a run left in a folder.
 
-    The hole's normal is the third axis; fields are distances from the removed piece, per diameter of the hole.
+    The hole's normal is the third axis. Fields are distances from the removed piece, per diameter of the hole.
     """
     pieces: dict[str, Faces] = {}
     for name in (name for name in (REMOVED, *FILLERS) if (folder / f"{name}.npz").exists()):
@@ -167,7 +167,7 @@ def promise_table(found: Sequence[Promise]) -> Table:
 
 
 def odd_table(records: Sequence[Record]) -> Table:
-    """One row for each tool, one column for each hole; tools that leave edges open without reporting it are marked."""
+    """One row for each tool, one column for each hole. Tools that leave edges open without reporting it are marked."""
     holes = names(records, "case")
     found = {(r["method"], r["case"]): _odd_cell(r) for r in records}
     rows = [(tool, *(found.get((tool, hole), "") for hole in holes)) for tool in names(records, "method")]

@@ -36,7 +36,7 @@ _COMPARED = ("spinor", "libigl", "libigl-uniform")  # methods that are measured 
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """What a run measures; empty names mean all suites, cases or methods."""
+    """What a run measures. Empty names mean all suites, cases or methods."""
 
     suites: tuple[str, ...] = ()
     cases: tuple[str, ...] = ()  # names or patterns
@@ -134,7 +134,7 @@ class Run:
 
 
 def case_name(task: Task) -> str:
-    """The name of a task's case; of a mesh file, without its folder."""
+    """The name of a task's case, without the folder of a mesh file."""
     return Path(task["case"]).name if task["suite"] == "meshes" else str(task["case"])
 
 
@@ -200,14 +200,14 @@ def measure(
 
 
 def key(task: Task) -> str:
-    """The identifier of a task's record; equal for equal tasks."""
+    """The identifier of a task's record, equal for equal tasks."""
     return json.dumps({name: value for name, value in task.items() if name != "view"}, sort_keys=True)
 
 
 def run_isolated(
     tasks: Iterable[Task], *, module: str, time_limit: float, on_record: Callable[[Task, Record], None]
 ) -> None:
-    """Runs tasks in a process that is replaced after a crash or a time-out; "output" is what it printed."""
+    """Runs tasks in a process that is replaced after a crash or a time-out. "output" is what it printed."""
     process = Process(module)
     try:
         for task in tasks:

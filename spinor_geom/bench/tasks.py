@@ -122,7 +122,7 @@ def _same(result: Any) -> Any:
 
 
 def peak_memory() -> float | None:
-    """The process's largest resident size since `forget_peak_memory`, in MiB; None if the system does not report it."""
+    """The process's largest resident size since `forget_peak_memory`, in MiB, None if the system does not report it."""
     try:
         with open("/proc/self/status", encoding="ascii") as status:
             return next(int(line.split()[1]) / 1024 for line in status if line.startswith("VmHWM"))

@@ -14,7 +14,7 @@ from spinor_geom.render.page import require_html
 
 
 def run(arguments: argparse.Namespace) -> ExitStatus:
-    """Compares the surfaces over each chosen loop; reports the error of a loop that cannot be compared."""
+    """Compares the surfaces over each chosen loop. Reports the error of a loop that cannot be compared."""
     if arguments.output is not None:
         kept = [path for path in (arguments.input, arguments.baseline) if path is not None]
         require_html(arguments.output)

@@ -83,7 +83,7 @@ def show_table(
             cells = [cell for name, cell in zip(columns, row, strict=True) if name in widths]
             # rich would interpret markup in a string
             table.add_row(*(cell if isinstance(cell, Text) else Text(cell) for cell in cells))
-        # lines that are still too long are broken by the terminal; rich would cut their numbers
+        # lines that are still too long are broken by the terminal. Rich would cut their numbers
         console.width = max(console.width, sum(widths.values()))
         console.print(table)
     elif piped:

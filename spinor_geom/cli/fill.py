@@ -117,7 +117,7 @@ def _choice(arguments: argparse.Namespace) -> tuple[LoopChoice, LoopContinuity]:
 def _add_comparisons(
     report: dict[str, Any], result: FillResult, edge_length: float | Literal["auto"]
 ) -> dict[int, Comparison]:
-    """Compares each exact patch with a discrete minimal surface and adds the results to the report; by loop index."""
+    """Compares each exact patch with a discrete minimal surface and adds the results to the report, by loop index."""
     from spinor_geom.comparison import compare
 
     comparisons = {}

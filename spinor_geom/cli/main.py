@@ -41,13 +41,13 @@ def main(argv: Sequence[str] | None = None) -> int:
             arguments = build_parser().parse_args(argv)
         finally:
             sys.stdout.flush()  # after --help and --version
-        # imported modules are never garbage; collections would take half a second, now and at exit
+        # imported modules are never garbage. Collections would take half a second, now and at exit
         gc.disable()
         command = importlib.import_module(f"spinor_geom.cli.{_MODULES.get(arguments.command, arguments.command)}")
         gc.freeze()
         gc.enable()
         with warnings.catch_warnings():
-            # warnings of libraries are no sentences for users; -W and PYTHONWARNINGS show them
+            # warnings of libraries are no sentences for users. -W and PYTHONWARNINGS show them
             for category in (HiddenTextureWarning, ImperfectFillWarning, UncertainGradientWarning):
                 warnings.simplefilter("default", category, append=True)
             warnings.simplefilter("ignore", append=True)
@@ -105,7 +105,7 @@ class _Parser(argparse.ArgumentParser):
 
 
 def _with_merge_values(texts: Sequence[str]) -> list[str]:
-    """Replaces each `--merge` without a number by `--merge=rounding`; argparse would use a file name as its value."""
+    """Replaces each `--merge` without a number by `--merge=rounding`. Argparse would use a file name as its value."""
     end = texts.index("--") if "--" in texts else len(texts)
     following = [*texts[1:], ""]
     return [

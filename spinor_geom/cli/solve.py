@@ -102,7 +102,7 @@ def _write_mesh(solution: PlateauSolution, arguments: argparse.Namespace) -> tup
 
 
 def _closed(path: Path, number: int, curve: NamedLoop) -> BoundaryLoop:
-    """The loop of a curve of a file; tells repairs, and raises a MeshFileError if there is none."""
+    """The loop of a curve of a file, whose repairs are told. Raises a MeshFileError if there is none."""
     for note in curve.notes:
         complain(f"{path}: curve {number}: {note}")
     if curve.loop is None:

@@ -78,7 +78,7 @@ def minimum_area_triangulation(
 def triangles_of(split: Int[np.ndarray, "n n"]) -> Int[np.ndarray, "t 3"]:
     """Triangles (i, j, k), i < j < k, over a closed curve. `split[i, l]` is the apex over the chord i to i + l."""
     triangles, chords = [], [(0, len(split) - 1)]
-    for first, last in chords:  # a few hundred at most; arrays for each generation take several times as long
+    for first, last in chords:  # a few hundred at most, and arrays for each generation take several times as long
         middle = split.item(first, last - first)
         triangles.append((first, middle, last))
         chords += [chord for chord in ((first, middle), (middle, last)) if chord[1] - chord[0] > 1]
@@ -86,7 +86,7 @@ def triangles_of(split: Int[np.ndarray, "n n"]) -> Int[np.ndarray, "t 3"]:
 
 
 def disk_without_inner_points(points: Float[np.ndarray, "m 3"]) -> Int[np.ndarray, "t 3"]:
-    """Faces of about the least area over a closed curve; long curves are divided at every k-th point."""
+    """Faces of about the least area over a closed curve. Long curves are divided at every k-th point."""
     m = len(points)
     if m == 3:  # most parts of long curves
         return np.array([[0, 1, 2]])

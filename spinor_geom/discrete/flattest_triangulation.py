@@ -11,7 +11,7 @@ class FlattestTriangulation:
     """Triangles (i, j, k), i < j < k, over a closed curve with the least sum of charges.
 
     Of several the one whose largest angle between neighbours is small is taken, then that of least area. Dynamic
-    programming over the splits of every chord, O(n³) time; as it keeps only the best triangles beyond each chord, the
+    programming over the splits of every chord, O(n³) time. As it keeps only the best triangles beyond each chord, the
     largest angle is close to the minimum, but not always equal.
 
     Attributes:

@@ -116,7 +116,7 @@ def discrete_minimal_surface(
     Raises:
         OptionError: unknown method, an option that annuli do not support, or a number that is not positive.
         TooManyRimsError: a sequence of other than one or two loops.
-        FirstFillError: MeshLab did not remesh the surface; "libigl" fills every loop.
+        FirstFillError: MeshLab did not remesh the surface. "libigl" fills every loop.
         DomainError: no annulus can be meshed between the two loops.
         MissingPackageError: the method is "pymeshlab", which is not installed.
 

@@ -111,7 +111,7 @@ def discrete_annulus(
 def ruled_annulus(first: Rim, second: OtherRim, target: float) -> tuple[PlaneTriangulation, Float[np.ndarray, "v 3"]]:
     """A triangulated round annulus, mapped to straight lines between two polygons. Its area is not minimised.
 
-    `target` is the edge length in space; otherwise as `discrete_annulus`.
+    `target` is the edge length in space, and all else is as for `discrete_annulus`.
     """
     rims = (first, second)
     places = _strip_places(first, second)

@@ -45,7 +45,7 @@ class Flattening:
 
     rims: tuple[Polygon, ...]  # the outer boundary, counter-clockwise, then the holes, clockwise
     log_scale: PerVertex  # u: logarithm of the length in the plane per length in space, mean of two edges
-    clearance: float  # smallest gap across the outside between far parts of the outer rim, in local edges; inf if wide
+    clearance: float  # smallest gap across the outside between far parts of the outer rim, in local edges, inf if wide
     neumann: "DirichletToNeumann"
 
     @property
@@ -311,7 +311,7 @@ def _gap(
     own = np.arange(count)
     after = shifted(own, -1)
     step = edge[rim] * np.exp((u[rim] + u[rim][after]) / 2 + 1j * np.cumsum(turned))
-    # relative to the mean direction; relative to the first edge, a rim with a large gap would bend at that edge
+    # relative to the mean direction. Relative to the first edge, a rim with a large gap would bend at that edge
     ahead = step[::-1].cumsum()[::-1] - step.sum() * (1 - own / count)
     rows = np.zeros((len(u), 3))
     rows[rim] = np.stack([ahead.real, ahead.imag, np.ones(count)], axis=1)

@@ -2,7 +2,7 @@
 
 At a corner between two straight edges a minimal surface fills the angle θ < π, even if away from the corner it lies on
 the side of the angle 2π − θ. Its normal is then reversed in a small region near the corner. On a domain with the angle
-2π − θ there, p and q have a singularity that even many poles do not resolve. A power of z maps this angle to θ; on the
+2π − θ there, p and q have a singularity that even many poles do not resolve. A power of z maps this angle to θ. On the
 image p and q are nearly smooth.
 
 Source: Gray, "Linear Differential Equations and Group Theory from Riemann to Poincaré" (2000), chapter VI, for the
@@ -24,7 +24,7 @@ from spinor_geom.domain.polygons import bound_domain
 _ASIDE = 1e-9  # distance of one-sided derivatives from a corner
 _SHARE = np.linspace(0, 1, 129) ** 4  # points per side, denser at its ends, so that steps along its image are even
 _DENSE = _SHARE / (_SHARE + _SHARE[::-1])
-_SHORTEST = EPS**0.5  # shortest piece of the image per its length; parts of shorter ones may have no length
+_SHORTEST = EPS**0.5  # shortest piece of the image per its length. Parts of shorter ones may have no length
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -56,7 +56,7 @@ class SplineBoundary:
         return np.asarray(self.coefficients[-1])
 
     def point(self, t: Float[np.ndarray, "*pts"]) -> Complex[np.ndarray, "*pts"]:
-        """z(t); t is taken modulo 1."""
+        """z(t). t is taken modulo 1."""
         h, piece = self._places(t)
         value = self.coefficients[0, piece]
         for row in self.coefficients[1:]:
@@ -101,7 +101,7 @@ class SplineBoundary:
 
 
 class FourierBoundary:
-    """The analytic closed curve z(t) = Σ_k c_k e^{2πikt}, k = −K … K, with vertices at equal steps of t; no corners."""
+    """The analytic closed curve z(t) = Σ_k c_k e^{2πikt}, k = −K … K, with vertices at equal steps of t, no corners."""
 
     def __init__(self, coefficients: Complex[np.ndarray, " odd"], count: int) -> None:
         """Takes the coefficients from c_{−K} to c_K and the number of vertices.
@@ -311,7 +311,7 @@ class PlaneDomain:
         return float(np.hypot(np.ptp(v.real), np.ptp(v.imag)))
 
     def contains(self, z: Complex[np.ndarray, "*pts"]) -> Bool[np.ndarray, "*pts"]:
-        """Whether points lie in Ω; see `distance_outside`."""
+        """Whether points lie in Ω, by `distance_outside`."""
         z = np.asarray(z, dtype=np.complex128)
         return (self.distance_outside(z.ravel()) < 0).reshape(z.shape)
 
@@ -330,7 +330,7 @@ class PlaneDomain:
 
     @cached_property
     def root(self) -> int:
-        """Index of the inner vertex nearest to the mean of all inner vertices; without these, of any vertex."""
+        """Index of the inner vertex nearest to the mean of all inner vertices, or without these of any vertex."""
         points, m = self.triangulation.points, self.triangulation.boundary_size
         first = m if len(points) > m else 0
         return first + int(np.argmin(np.abs(points[first:] - points[first:].mean())))

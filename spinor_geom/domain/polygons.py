@@ -95,7 +95,7 @@ def untangled(polygon: Complex[np.ndarray, " m"]) -> Complex[np.ndarray, " m"] |
 
 
 def outer_clearance(polygon: Complex[np.ndarray, " m"], most: float) -> float:
-    """Smallest gap across the outside between far parts of a simple polygon, in local edge lengths; inf above `most`.
+    """Smallest gap across the outside between far parts of a simple polygon, in local edge lengths, inf above `most`.
 
     Parts are far if their distance along the boundary exceeds four times the gap plus six edges.
     """

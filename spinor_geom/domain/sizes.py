@@ -21,7 +21,7 @@ MOST_NEIGHBOURS = 8  # as in size_field.hpp
 class EdgeLengths(NamedTuple):
     """Lengths of edges of a surface: near its rims those of their edges, farther inside `target`.
 
-    They increase by at most `growth` per unit of distance from the rims; with an infinite target they grow throughout.
+    They increase by at most `growth` per unit of distance from the rims. With an infinite target they grow throughout.
     """
 
     target: float
@@ -38,7 +38,7 @@ def edge_length_of(area: float, points: float) -> float:
 
 
 class KernelRegion:
-    """A plane region with wanted edge lengths, as the compiled part takes it; see `SizeField`.
+    """A plane region with wanted edge lengths, as the compiled part takes it, see `SizeField`.
 
     Lengths are measured from the centre of the boundary and in its radius.
 
@@ -112,7 +112,7 @@ class KernelRegion:
 class SizeField:
     """Edge lengths that equal the local ones at the boundary of a region and grow or fall with the distance from it.
 
-    h(z) ≤ min_j (e_j + growth·|z − b_j|) over the three nearest boundary vertices b_j; e_j is the mean of the two
+    h(z) ≤ min_j (e_j + growth·|z − b_j|) over the three nearest boundary vertices b_j. e_j is the mean of the two
     boundary edges at b_j, lowered where a neighbour's e_i + growth·|b_i − b_j| is smaller. h(z) is this bound or, with
     samples, the wanted lengths there, which are then bounded also by the local edge length at the nearest boundary
     vertex minus `decay` times the distance from it.
@@ -122,8 +122,7 @@ class SizeField:
         decay: largest decrease per unit of distance. By default there is no lower bound.
         samples: points (n,).
         lengths: wanted edge lengths at the samples, positive and finite.
-        neighbours: 1 to 8; log h is the mean of those of so many nearest samples, weighted by the inverse squared
-            distances.
+        neighbours: 1 to 8. log h is the mean of that many nearest samples, weighted by inverse squared distances.
 
     Raises:
         OptionError: a number is out of its range or not finite, or there is not one length for each sample.

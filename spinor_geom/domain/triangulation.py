@@ -93,7 +93,7 @@ def triangulate_polygon(
 
     Raises:
         DomainError: a polygon runs in the wrong direction, has fewer than three vertices, a vertex that is not finite,
-            or touches or crosses itself or another one; or a hole is not inside.
+            or touches or crosses itself or another one, or a hole is not inside.
 
     Source: Ruppert (1995), A Delaunay refinement algorithm for quality 2-dimensional mesh generation, J. Algorithms 18;
     Bowyer (1981) and Watson (1981), Comput. J. 24, for the insertion of points.

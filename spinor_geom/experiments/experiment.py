@@ -55,7 +55,7 @@ class Experiment:
         here: what differs here, and when the statement counts as reproduced.
         measure: the function that runs the experiment.
         full: the arguments of `measure`, with the paper's values if it states them.
-        quick: the arguments that a run of one or two minutes changes; "a.b" is the field b of the argument a.
+        quick: the arguments that a run of one or two minutes changes. "a.b" is the field b of the argument a.
     """
 
     title: str
@@ -74,7 +74,7 @@ class Experiment:
         return chosen
 
     def description(self, *, quick: bool) -> dict[str, Any]:
-        """The settings as JSON values; results are reused only if their settings are equal."""
+        """The settings as JSON values. Results are reused only if their settings are equal."""
         named = self.settings(quick=quick).items()
         return {name: finite(asdict(v) if isinstance(v, RMSprop | LevenbergMarquardt) else v) for name, v in named}
 

@@ -92,7 +92,7 @@ def over_disk(
     grid: tuple[int, int] = (16, 96),
     fields: Mapping[str, Float[np.ndarray, " n"]] | None = None,
 ) -> Portrait:
-    """A surface over the unit disk and its boundary; fields have their values on `disk_grid(*grid)`."""
+    """A surface over the unit disk and its boundary. Fields have their values on `disk_grid(*grid)`."""
     z, faces = disk_grid(*grid)
     rim = surface.position(np.exp(2j * np.pi * np.arange(400) / 400))
     return Portrait(layers=(Faces(vertices=surface.position(z), faces=faces, fields=fields or {}), closed_line(rim)))

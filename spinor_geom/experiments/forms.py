@@ -1,4 +1,4 @@
-"""Spinors against the Weierstrass-Enneper form: the paper's training of both, and our solvers; branch points."""
+"""Spinors against the Weierstrass-Enneper form: the paper's training of both, our solvers, and branch points."""
 
 import time
 from collections.abc import Sequence
@@ -52,7 +52,7 @@ def tennis_seam(*, parameters: Sequence[float], rmsprop: RMSprop, network: Leven
 
 
 def _compare(curve: KnownCurve, rmsprop: RMSprop, options: LevenbergMarquardt, *, name: str) -> Outcome:
-    """Trains both forms and solves; reproduced if the Weierstrass-Enneper form is much farther from the curve."""
+    """Trains both forms and solves. Reproduced if the Weierstrass-Enneper form is much farther from the curve."""
     forms = {SPINOR: rmsprop, ENNEPER: replace(rmsprop, representation="weierstrass-enneper")}
     paper = {method: train_by_rmsprop(curve, options=form) for method, form in forms.items()}
     begin = time.perf_counter()

@@ -68,7 +68,7 @@ class Chart:
         return np.asarray(np.linalg.norm(np.cross(t[:, 0], t[:, 1]), axis=1))
 
     def distances(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
-        """Distances of points from the surface; nearest points may lie slightly outside the polygon.
+        """Distances of points from the surface. Nearest points may lie slightly outside the polygon.
 
         Gauss-Newton's method starts from the nearest of 3000 points. Steps are shortened until the distance falls.
         """

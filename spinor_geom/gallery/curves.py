@@ -24,7 +24,7 @@ _TENNIS_SEAM_DISKS = {  # area, whether it is stable, relative error
 # points and directions ↦ images, and their first and second derivatives in these directions
 SmoothMap = Callable[[Float[np.ndarray, "*pts d"], Float[np.ndarray, "*pts d"]], Float[np.ndarray, "3 *pts 3"]]
 
-_OUTLINE, _SIDE_POINTS = 400, 512  # vertices of a chart's outline; points for the length of a side
+_OUTLINE, _SIDE_POINTS = 400, 512  # vertices of a chart's outline, and points for the length of a side
 _SCHERK_AREAS = {1.0: 1.08724596383763888, 2.0: 5.69751221158705744, 2.5: 11.4951537487130629, 3.0: 29.2319867716447538}
 
 

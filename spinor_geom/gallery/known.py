@@ -24,7 +24,7 @@ class KnownDisk:
     """Area and stability of a known minimal disk over a curve."""
 
     area: float
-    stable: bool | None = None  # whether it is a local minimum of the area; None: not known
+    stable: bool | None = None  # whether it is a local minimum of the area, None if not known
     relative_error: float = 1e-15  # of `area`
 
 
@@ -68,7 +68,7 @@ class KnownSurface:
         return self.position(self.surface.domain.boundary.point(t))
 
     def rim(self, n: int) -> BoundaryLoop:
-        """A loop of n points of the boundary, with the corners of Ω; see `KnownCurve.sample`."""
+        """A loop of n points of the boundary, with the corners of Ω, as by `KnownCurve.sample`."""
         boundary = self.surface.domain.boundary
         at_corners = boundary.parameters[:-1][boundary.corners]
         t, corners = sample_parameters(n, at_corners.tolist())
@@ -95,7 +95,7 @@ class KnownPatch:
         return shortened(f"KnownPatch({self.name!r}, area {self.area:.6g})")
 
     def rim(self, n: int) -> BoundaryLoop:
-        """A loop of n points of its boundary, almost equally far apart on every side; see `KnownCurve.sample`."""
+        """A loop of n points of its boundary, almost equally far apart on every side, as by `KnownCurve.sample`."""
         # denser at the ends of a side, where it may behave like a square root
         t = 0.5 - 0.5 * np.cos(np.linspace(0, np.pi, _SIDE_POINTS))
         lengths = [_lengths(self.chart.position(side(t))) for side in self.sides]

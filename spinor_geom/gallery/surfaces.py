@@ -23,7 +23,7 @@ _SIDE_VERTICES = 32  # vertices on the longer side of a rectangle in Ω
 def enneper(radius: float = 0.8) -> KnownSurface:
     """Enneper's surface p = 1, q = z over |z| < R, of area πR²(1 + R² + R⁴/3).
 
-    It is stable for R < 1; at R = 1 the second variation is degenerate. Its boundary crosses itself for R ≥ √3.
+    It is stable for R < 1. At R = 1 the second variation is degenerate. Its boundary crosses itself for R ≥ √3.
     """
     require_positive("radius", radius)
     area = math.pi * radius**2 * (1 + radius**2 + radius**4 / 3)
@@ -70,7 +70,7 @@ def polynomial(p: ArrayLike, q: ArrayLike, *, radius: float = 1.0) -> KnownSurfa
 def random_polynomial(seed: int, *, degree: int = 4) -> KnownSurface:
     """The surface of random polynomials p and q of one degree on the unit disk, which is stable.
 
-    p = 1 + Σ a_k z^k with Σ |a_k| = 1/2 has no zero; q has normal coefficients of deviation 1/(k + 1), scaled so that
+    p = 1 + Σ a_k z^k with Σ |a_k| = 1/2 has no zero. q has normal coefficients of deviation 1/(k + 1), scaled so that
     |q/p| ≤ 0.8: normals stay in a hemisphere.
     """
     require_count(degree=degree)

@@ -76,7 +76,7 @@ class _Cubic:
 
     @cached_property
     def _at_nodes(self) -> tuple[Float[np.ndarray, "m g 3"], Float[np.ndarray, "3 g"]]:
-        """dΓ/du at Gauss-Legendre nodes on the pieces; derivatives of u, u² and u³ there, times the weights."""
+        """dΓ/du at Gauss-Legendre nodes on the pieces, and the derivatives of u, u² and u³ there, times the weights."""
         nodes, weights = gauss_nodes(ARC_NODES)
         powers = np.arange(1, 4)[:, None] * ((nodes + 1) / 2) ** np.arange(3)[:, None]
         return np.einsum("rg,rmk->mgk", powers, self.system.powers), powers * weights / 2

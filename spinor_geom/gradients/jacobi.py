@@ -177,7 +177,7 @@ class JacobiFields:
         along, back, upright = spread.T
         both = np.stack([along @ by_p + upright @ by_q, upright @ by_p - back @ by_q])
         for (by_p, by_q), at_nodes, centre in zip(periods, self._logarithms, self._centres, strict=True):
-            # the multivalued parts of ∫ f dz and of log(z − c) ∮ f dz/2πi cancel; inside, arg(z − c) is left out, as
+            # the multivalued parts of ∫ f dz and of log(z − c) ∮ f dz/2πi cancel. Inside, arg(z − c) is left out, as
             # Re ∮ δφ dz = 0
             inside = np.log(np.abs(self.z - centre))
             along, back, upright = (spread.T @ at_nodes - strengths.T @ inside) / (2j * np.pi)

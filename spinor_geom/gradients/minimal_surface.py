@@ -45,7 +45,7 @@ def minimal_area(
     tolerance: float = 1e-6,
     time_limit: float = math.inf,
 ) -> Float[Tensor, ""]:
-    """Area of the minimal surface over ordered points, or between several rims; differentiable in the points.
+    """Area of the minimal surface over ordered points, or between several rims, differentiable in the points.
 
     The curve through the points is a spline of degree 5 at any positions of the points, as with
     `solve_plateau(..., between="quintic")`, so that area and gradient are continuous. The gradient is ∮ ν·δΓ ds, see
@@ -53,8 +53,8 @@ def minimal_area(
     `torch.func.vmap` are not available.
 
     Args:
-        points: (m, 3) real positions in mesh units, on any device; or one such tensor for each rim.
-        corners: indices of the points that are corners; for several rims one entry for each. "auto" detects them, so
+        points: (m, 3) real positions in mesh units, on any device, or one such tensor for each rim.
+        corners: indices of the points that are corners, for several rims one entry for each. "auto" detects them, so
             that the area jumps where a moved point becomes a corner.
         model: as for `solve_plateau`.
         tolerance: as for `solve_plateau`. The relative error of the gradient is about that of the boundary. For smooth
@@ -160,7 +160,7 @@ def minimal_surface(
         corners: as for `minimal_area`.
         model: as for `minimal_area`.
         tolerance: as for `minimal_area`.
-        time_limit: as for `minimal_area`; seconds for the surface and its mesh.
+        time_limit: as for `minimal_area`, for the surface and its mesh.
         target_edge_length: as for `mesh_patch`.
 
     Returns:
@@ -169,7 +169,7 @@ def minimal_surface(
     Raises:
         SpinorGeomError: the errors of `minimal_area` and `mesh_patch`.
         OutOfTimeError: the time limit was reached before the mesh was complete.
-        NotDifferentiableError: by `backward`, if the surface is unstable or nearly so; see `require_isolated`.
+        NotDifferentiableError: by `backward`, if the surface is unstable or nearly so, see `require_isolated`.
 
     Warns:
         UncertainGradientWarning: as `minimal_area`, by `backward`, if the stability is undecided.
@@ -201,9 +201,9 @@ def nearest_on_surface(
     tolerance: float = 1e-6,
     time_limit: float = math.inf,
 ) -> Float[Tensor, "k 3"]:
-    """The points of the minimal surface over `points` that are nearest to given places; differentiable in `points`.
+    """The points of the minimal surface over `points` that are nearest to given places, differentiable in `points`.
 
-    When the points move, a position moves along the normal; see `minimal_surface`. `places` are constants.
+    When the points move, a position moves along the normal, as for `minimal_surface`. `places` are constants.
 
     Args:
         points: as for `minimal_area`.
@@ -228,7 +228,7 @@ def nearest_on_surface(
 def require_isolated(solution: PlateauSolution) -> None:
     """Checks that a solution depends smoothly on its boundary: its second variation has no eigenvalue near 0.
 
-    Raises a NotDifferentiableError if the surface is unstable, or nearly so; warns with an UncertainGradientWarning if
+    Raises a NotDifferentiableError if the surface is unstable, or nearly so. Warns with an UncertainGradientWarning if
     the stability is undecided, or follows only from a total curvature just below 2π.
     """
     stability = solution.stability

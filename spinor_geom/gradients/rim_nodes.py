@@ -23,7 +23,7 @@ _ORDER = 12
 # for Γ of degree d, and geometrically if Γ is analytic: half as many steps give gradients that are off by 6e-4 for
 # splines of degree 7, and by 3e-5 for cubic ones.
 _STEPS = {3: 16, 5: 8, 7: 4, ANALYTIC_DEGREE: 1}
-# Alternating updates of c in r = c + Re ∫ φ dz and of the nearest points of Γ; more change gradients by 1e-8.
+# Alternating updates of c in r = c + Re ∫ φ dz and of the nearest points of Γ. More change gradients by 1e-8.
 _PLACINGS = 2
 
 

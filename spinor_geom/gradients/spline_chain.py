@@ -1,8 +1,8 @@
 """The chain rule of interpolating splines: from values of a curve to its points and the widths of its pieces.
 
 On piece i, of width h_i, a spline of degree d is Γ = P_i + Σ_r a_ir u^r, r = 1 … d, with u in [0, 1]. The a_ir solve a
-linear system K(h) a = b: each piece ends at the next point; derivatives agree where two pieces meet without a corner;
-the ends of a side are not-a-knot or natural. K depends on ratios of neighbouring widths only. The derivatives by P and
+linear system K(h) a = b: each piece ends at the next point. Derivatives agree where two pieces meet without a corner.
+The ends of a side are not-a-knot or natural. K depends on ratios of neighbouring widths only. The derivatives by P and
 h follow from one solve with the transpose of K. It is a band matrix with pieces ordered from both ends of the curve.
 """
 
@@ -54,7 +54,7 @@ class SplineSystem:
     widths: Float[np.ndarray, " m"]  # h, up to a factor for each side
     powers: Float[np.ndarray, "d m 3"]  # a_ir, lowest power first
     corners: Bool[np.ndarray, " m"]  # whether the spline may have a kink at the start of each piece
-    degrees: Int[np.ndarray, " m"]  # degrees of the pieces; odd, at least 3, and equal on a side
+    degrees: Int[np.ndarray, " m"]  # degrees of the pieces: odd, at least 3, and equal on a side
     natural: Bool[np.ndarray, " m"]  # whether the second derivative of a piece is 0 at the end of a side
 
     def by_points(

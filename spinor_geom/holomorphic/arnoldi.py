@@ -25,12 +25,12 @@ def arnoldi_hessenberg(z: Complex[Array, " n"], weight: Float[Array, " n"], degr
 def arnoldi_basis(
     z: Complex[Array, " n"], weight: Float[Array, " n"], degree: int
 ) -> tuple[Complex[Array, "d1 d"], Complex[Array, "n d1"]]:
-    """Coefficients H of the recurrence z·Q_k = Σ_{j ≤ k+1} H_jk Q_j of the orthonormal polynomials; their values at z.
+    """Coefficients H of the recurrence z·Q_k = Σ_{j ≤ k+1} H_jk Q_j of the orthonormal polynomials Q, and Q(z).
 
     The inner product is ⟨f, g⟩ = Σ weight·conj(f)·g with weights of sum 1, on more nodes than the degree. The
     subdiagonal of H is positive.
     """
-    # complex products in numpy take a tenth of their time in torch; rows of the basis include the factor √weight
+    # complex products in numpy take a tenth of their time in torch. Rows of the basis include the factor √weight
     nodes, root = to_numpy(z), np.sqrt(to_numpy(weight))
     basis = np.empty((degree + 1, len(nodes)), dtype=np.complex128)
     basis[0] = root

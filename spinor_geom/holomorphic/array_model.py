@@ -28,9 +28,9 @@ class ArrayModel(ABC):
     """
 
     kind: ClassVar[str]  # name of the model in files
-    trained: ClassVar[tuple[str, ...]]  # names of the arrays that training changes; saved in files
-    fixed: ClassVar[tuple[str, ...]] = ()  # names of arrays that training does not change; saved in files
-    described: ClassVar[tuple[str, ...]] = ()  # names of arrays that `config` determines; not saved
+    trained: ClassVar[tuple[str, ...]]  # names of the arrays that training changes, saved in files
+    fixed: ClassVar[tuple[str, ...]] = ()  # names of arrays that training does not change, saved in files
+    described: ClassVar[tuple[str, ...]] = ()  # names of arrays that `config` determines, not saved
 
     def __repr__(self) -> str:
         shapes = ", ".join(f"{name} {tuple(array.shape)}" for name, array in self.arrays.items())

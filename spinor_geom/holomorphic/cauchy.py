@@ -27,8 +27,8 @@ class CauchyNetwork(ArrayModel):
     """p and q as linear combinations of polynomials and Cauchy units d_k/(z − ζ_k) with poles ζ_k outside Ω.
 
     It is a complex-valued network with one hidden layer and activation σ(u) = 1/u. Its features are usually mixed so
-    that they are orthonormal on ∂Ω; fits then converge in few steps. For each hole around which p and q change their
-    sign all features have a factor √(z − c), c in the hole. Its sign jumps where z − c is real and negative; p², q²
+    that they are orthonormal on ∂Ω. Fits then converge in few steps. For each hole around which p and q change their
+    sign all features have a factor √(z − c), c in the hole. Its sign jumps where z − c is real and negative. p², q²
     and pq are continuous.
 
     Shape:

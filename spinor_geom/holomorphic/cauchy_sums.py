@@ -19,9 +19,9 @@ _SOURCES_PER_LEAF = 8
 # largest side of a cell of targets, as a share of its distance from the sources, and fewest targets in a cell
 _CELL_SIDE, _FEWEST_IN_CELL = 0.3, 4
 _MOST_HALVINGS = 40
-# numbers of sources, and of pairs of sources and targets, up to which direct sums are faster; number of pairs that fit
+# numbers of sources, and of pairs of sources and targets, up to which direct sums are faster, number of pairs that fit
 # the cache, and of targets below which products are narrow. With 1,600 sources and 16,000 targets direct sums take 0.7
-# of the time beside the sources, where most large numbers of targets are, and twice as long within a curve; with 2,000
+# of the time beside the sources, where most large numbers of targets are, and twice as long within a curve. With 2,000
 # sources and 30,000 targets 0.8 of it, and three times as long.
 _FEW_SOURCES, _FEW_PAIRS, _AT_ONCE, _FEWEST_AT_ONCE = 2000, 1 << 23, 1 << 14, 16
 _PAIRS = 1 << 10  # pairs of clusters, or sources, whose series fit the cache
@@ -31,7 +31,7 @@ _BINOMIALS = comb(np.add.outer(np.arange(_TERMS), np.arange(_TERMS)), np.arange(
 def cauchy_sums(
     sources: Complex[np.ndarray, " n"], strengths: Inexact[np.ndarray, "n c"], targets: Complex[np.ndarray, " m"]
 ) -> Complex[np.ndarray, "m c"]:
-    """Σ_j g_j/(ζ_j − z) at targets z, to 1e-12 of the sum of the absolute values; infinite or NaN at a source.
+    """Σ_j g_j/(ζ_j − z) at targets z, to 1e-12 of the sum of the absolute values, and infinite or NaN at a source.
 
     The sources ζ_j are in order along a curve. The strengths g_j, real or complex, have one column for each sum.
     """
@@ -147,7 +147,7 @@ class _Sources:
         return cls(levels=levels, z=z.reshape(1 << depth, -1), g=g.reshape(1 << depth, -1, g.shape[1]))
 
     def pairs(self, centre: Complex[np.ndarray, " t"], radius: Float[np.ndarray, " t"]) -> tuple[list[_Pairs], _Pairs]:
-        """Pairs of target clusters and distant segments, for each level; and pairs of clusters and near leaves."""
+        """Pairs of target clusters and distant segments, for each level, and pairs of clusters and near leaves."""
         own, segment = np.arange(len(centre)), np.zeros(len(centre), dtype=np.int64)
         far: list[_Pairs] = []
         for level in self.levels:

@@ -65,7 +65,7 @@ class CircularDomain:
         return self._xp.concat([z[None], self.radii.reshape(shape) / (z - self.centres.reshape(shape))])
 
     def coordinates_on_circles(self, n: int) -> Complex[Array, "m m n"]:
-        """Coordinate ζ of every circle at the points of `circles`; on its own circle without rounding error."""
+        """Coordinate ζ of every circle at the points of `circles`, on its own circle without rounding error."""
         circles = self.circles(n)
         zeta = self.coordinates(circles)
         own = self._xp.arange(self.rims)

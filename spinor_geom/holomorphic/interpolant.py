@@ -29,7 +29,7 @@ class CauchyInterpolant(ArrayModel):
     Shape:
         nodes: (n,), ζ_j, in order, at equal steps of an analytic parameter t of ∂Ω.
         weights: (n,), dz/dt there.
-        values: (n, 2), complex; column 0 is p, column 1 is q.
+        values: (n, 2), complex. Column 0 is p, column 1 is q.
 
     Source: Ioakimidis, Papadakis & Perdios, "Numerical evaluation of analytic functions by Cauchy's theorem", BIT 31
     (1991).
@@ -48,7 +48,7 @@ class CauchyInterpolant(ArrayModel):
         require_complex(nodes=self.nodes, weights=self.weights, values=self.values)
 
     def value(self, z: Complex[Array, "*pts"]) -> Complex[Array, "*pts 2"]:
-        """(p(z), q(z)); at many points of numpy by the fast multipole method, to 1e-12."""
+        """(p(z), q(z)), at many points of numpy by the fast multipole method, to 1e-12."""
         data = self.nodes, self.weights, self.values
         if is_numpy(z) and np.isfinite(z).all():
             return interpolated(z.reshape(-1), *data).reshape(*z.shape, 2)

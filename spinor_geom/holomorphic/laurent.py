@@ -28,10 +28,10 @@ class LaurentSeries(ArrayModel):
 
     The first hole must be centred at 0. Because of the scaling, the coefficients of series that converge on Ω are
     bounded. For each hole around which p and q change their sign they have a factor √(z − c_j). Its sign jumps on the
-    ray from c_j in the direction of the negative real axis; p², q² and pq are continuous.
+    ray from c_j in the direction of the negative real axis. p², q² and pq are continuous.
 
     Shape:
-        outward: (K, 2), complex, the a_k; column 0 is p, column 1 is q.
+        outward: (K, 2), complex, the a_k. Column 0 is p, column 1 is q.
         inward: (holes, L, 2), the b_jk from k = 1 on.
     """
 

@@ -45,7 +45,7 @@ class ComplexMLP(torch.nn.Module):
     overflow too, but each layer would damp the variation, and the network would hardly depend on z.
 
     Shape:
-        weights: one (2, out, in) a layer, complex; first index 0 for p, 1 for q. The last is the read-out, out = 1.
+        weights: one (2, out, in) a layer, complex. First index 0 for p, 1 for q. The last is the read-out, out = 1.
         biases: one (2, out) a layer.
 
     Source: Sun & Chern (2026), neural representation of minimal surfaces.
@@ -235,7 +235,7 @@ def _initial(
         layers.append((weight, bias))
         h = function(a)
     weight, bias, _ = _bounded(h, normal(2, 1, width), _VARIATION, generator)
-    # p and q have a mean other than 0, so that there is no branch point in the middle; |p|² + |q|² is about 1, so that
+    # p and q have a mean other than 0, so that there is no branch point in the middle. |p|² + |q|² is about 1, so that
     # the surface is about as large as Ω
     return [*layers, (weight, bias + _MEAN * normal(2, 1))]
 
@@ -243,7 +243,7 @@ def _initial(
 def _bounded(
     h: Complex[Tensor, "2 n i"], weight: Complex[Tensor, "2 o i"], largest: float, generator: torch.Generator | None
 ) -> tuple[Complex[Tensor, "2 o i"], Complex[Tensor, "2 o"], Complex[Tensor, "2 n o"]]:
-    """Scaled weight W and bias b such that W h + b has mean 0 and a modulus of at most `largest`; and W h + b."""
+    """Scaled weight W and bias b such that W h + b has mean 0 and a modulus of at most `largest`, and W h + b."""
     a = h @ weight.mT
     mean = a.mean(1)
     share: Float[Tensor, "2 o"] = torch.rand(mean.shape, dtype=torch.float64, generator=generator)

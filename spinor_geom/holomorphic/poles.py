@@ -102,7 +102,7 @@ def polygon_poles(vertices: Complex[np.ndarray, " n"]) -> Poles:
 
 
 def _distance_outside(vertices: Complex[np.ndarray, " n"], z: Places) -> tuple[Lengths, Lengths]:
-    """Smallest distances of points from a polygon's edges, absolute and in lengths of the edge; negative in Ω."""
+    """Smallest distances of points from a polygon's edges, absolute and in lengths of the edge, negative in Ω."""
     step = shifted(vertices, -1) - vertices
     edge = np.abs(step)
     is_clockwise = np.imag(np.conj(vertices) * step).sum() < 0  # around a hole of Ω

@@ -24,7 +24,7 @@ class PowerSeries(ArrayModel):
     Because of the scaling, the coefficients of a series that converges on the disk are bounded.
 
     Shape:
-        coefficients: (K, 2), complex; column 0 is p, column 1 is q.
+        coefficients: (K, 2), complex. Column 0 is p, column 1 is q.
     """
 
     kind: ClassVar[str] = "series"

@@ -40,7 +40,7 @@ _CIRCLE_NODES = 128
 class Zero:
     """A zero of a holomorphic function."""
 
-    z: complex  # position; of a cluster of zeros nearer to each other than the resolution, their mean
+    z: complex  # position, or the mean of zeros nearer to each other than the resolution
     order: int  # multiplicity
 
 
@@ -79,7 +79,7 @@ def find_zeros(function: HolomorphicFunction, domain: PlaneDomain) -> tuple[Zero
 
 
 def zero_inside(function: HolomorphicFunction, centre: complex, radius: float) -> Zero:
-    """Mean and total order of the zeros inside a circle; order 0 if there are none or they cannot be counted.
+    """Mean and total order of the zeros inside a circle, order 0 if there are none or they cannot be counted.
 
     The error of the trapezoidal rule falls geometrically with the number of nodes, at a rate given by the distance of
     the circle from the nearest zero.

@@ -35,8 +35,8 @@ SAMPLES_PER_PIECE = 8
 NEAREST_SAMPLES = 2
 MAX_NEWTON_STEPS = 30
 NEWTON_STEP_TOLERANCE = 1e-15
-# Tolerances of the polynomials of a formula: error in pieces and gap between them, per extent; error of derivatives,
-# per size.
+# Tolerances of the polynomials of a formula: error in pieces and gap between them, per extent, and error of
+# derivatives, per size.
 FORMULA_ERROR, CLOSING_ERROR, DERIVATIVE_ERROR = 1e-14, 1e-12, 1e-5
 FORMULA_CHECKS = np.array([0.11, 0.31, 0.57, 0.83])  # where on each piece the error is measured
 FEWEST_PIECES, MOST_PIECES = 64, 4096

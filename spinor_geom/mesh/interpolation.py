@@ -87,7 +87,7 @@ def quintic_curve(points: Vertices, corners: Bool[np.ndarray, " m"]) -> Pieces:
 
 
 def quintic_degrees(corners: Bool[np.ndarray, " m"]) -> Int[np.ndarray, " m"]:
-    """Degrees of the pieces of a closed spline: 5, over arc lengths; 3, over chord lengths, on sides of few points."""
+    """Degrees of the pieces of a closed spline: 5 over arc lengths, and 3 over chord lengths on sides of few points."""
     if not corners.any():
         return np.full(len(corners), 3 if len(corners) < MIN_POINTS_FOR_HIGH_DEGREE else 5)
     degrees = np.full(len(corners), 3)
@@ -303,7 +303,7 @@ def _from_values() -> tuple[Float[np.ndarray, "d1 d1"], Float[np.ndarray, "d1 d1
     k, count = np.arange(ANALYTIC_DEGREE + 1), ANALYTIC_DEGREE + 1
     cosines = np.cos(np.pi * k[:, None] * k / (ANALYTIC_DEGREE + 0.5))
     halves = np.where(k == 0, 1, 2)
-    powers = np.zeros((count, count))  # of 1 − 2x, by column; highest first
+    powers = np.zeros((count, count))  # of 1 − 2x, by column, highest first
     powers[-1, 0], powers[-2:, 1] = 1, (-2, 1)
     for i in range(2, count):
         powers[:, i] = 2 * powers[:, i - 1] - 4 * np.roll(powers[:, i - 1], -1) - powers[:, i - 2]

@@ -204,7 +204,7 @@ class Bending:
     """
 
     matrix: CompiledMatrix  # of the cotangent Laplacian L
-    areas: Float[np.ndarray, " n"]  # circumcentric, in squared mesh units; at least 0.3 of the barycentric ones
+    areas: Float[np.ndarray, " n"]  # circumcentric, in squared mesh units, at least 0.3 of the barycentric ones
     normals: Float[np.ndarray, "n 3"]  # unit vectors
     curvature: Float[np.ndarray, " n"]  # n·Lx/(2A), positive where a mesh with outer normals is convex
 

@@ -24,7 +24,7 @@ _TO_RGB = np.array(
 def domain_colours(value: Complex[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
     """Colours in sRGB, 0 to 1: red for positive numbers, blue-green for negative ones, black at 0, white at ∞.
 
-    The lightness grows with the modulus, with a small step back at every power of two; equal steps of the argument
+    The lightness grows with the modulus, with a small step back at every power of two. Equal steps of the argument
     look equally large. NaN is white.
     """
     modulus = np.abs(value)

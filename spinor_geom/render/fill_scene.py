@@ -65,7 +65,7 @@ def fill_camera(result: FillResult) -> Camera:
 
 
 def most_seen(areas: Float[np.ndarray, "f 3"]) -> Float[np.ndarray, "3"] | None:
-    """The direction in which the projection of the faces that are turned towards it has most area; None without area.
+    """The direction in which the projection of the faces that are turned towards it has most area, None without area.
 
     `areas` are the normals of the faces, as long as the faces' areas. From both sides of each axis, the direction
     becomes that of the sum of the normals that are turned towards it, until these stay the same. Each step increases
@@ -86,7 +86,7 @@ def _shown_points(result: FillResult) -> Float[np.ndarray, "v 3"]:
 
 
 def patch_labels(result: FillResult) -> list[Label]:
-    """The numbers of the loops, each at the vertex of its patch that is nearest to the mean of all; the first ones."""
+    """The numbers of the loops, each at the vertex of its patch that is nearest to the mean of all, for the first."""
     labels: list[Label] = []
     for outcome in result.loops:
         if outcome.patch is not None and len(labels) < MOST_LABELS:
@@ -150,7 +150,7 @@ def mesh_layers(
     skin: Mapping[str, Any] | None = None,
     apart: bool = False,
 ) -> list[Layer]:
-    """A mesh, with its own colours if `skin` has them, and its boundary loops; `edges` as in `Faces`.
+    """A mesh, with its own colours if `skin` has them, and its boundary loops, with `edges` as in `Faces`.
 
     With `apart` each loop is a layer, which a click selects.
     """
@@ -178,7 +178,7 @@ def used_vertices(mesh: TriangleMesh) -> Float[np.ndarray, "v 3"]:
 
 
 def hole_camera(points: Float[np.ndarray, "v 3"], loop: BoundaryLoop | None, up: Literal["y", "z"] = "y") -> Camera:
-    """A camera that faces a hole and shows all points, or a small hole close up; without a hole, along the z axis."""
+    """A camera that faces a hole and shows all points, or a small hole close up, or without a hole along the z axis."""
     if loop is None:
         return Camera.facing(points, UPWARDS, up)
     camera = Camera.facing(points, loop.plane.normal, up)

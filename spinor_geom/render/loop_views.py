@@ -112,7 +112,7 @@ class LoopViews:
         )
 
     def functions(self, pixels: int) -> dict[str, Complex[np.ndarray, "h w"]]:
-        """p, q, f = −2q² and g = −p/q at the pixels of a raster over Ω, NaN outside; `pixels` on its longer side."""
+        """p, q, f = −2q² and g = −p/q at the pixels of a raster over Ω, NaN outside. The longer side has `pixels`."""
         domain = self.surface.domain
         plane = plane_coordinates(self.patch.points)
         step = float(np.ptp(plane, axis=0).max()) / pixels

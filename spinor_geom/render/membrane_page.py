@@ -18,7 +18,7 @@ _CABLE, _FORCE = "#7a3e00", "#c00000"
 
 
 def membrane_page(membrane: Membrane, *, name: str) -> str:
-    """A page in one file. Forces are drawn as lines that start at the supports; free ends of cables have none."""
+    """A page in one file. Forces are drawn as lines that start at the supports. Free ends of cables have none."""
     views, title = Views(), html.escape(f"Membrane {name}")
     lines = [_line(cable.point(_ALONG), _CABLE) for cable in membrane.cables]
     largest = np.linalg.norm(membrane.forces, axis=1).max(initial=0.0)

@@ -26,7 +26,7 @@ _SIZE = (640, 640)  # MPEG-4 requires multiples of 16
 def morph(surface: ArraySurface, path: str | os.PathLike[str], *, frames: int = FRAMES) -> None:
     """Shows the associate family r_θ = Re ∫ e^{iθ}φ dz of a surface.
 
-    Its members are isometric and have the same normals at the same points; θ = 90° is the conjugate surface, θ = 180°
+    Its members are isometric and have the same normals at the same points. θ = 90° is the conjugate surface, θ = 180°
     the surface reflected in a point. An animation runs through all θ and repeats. A page has a slider for θ.
 
     Args:
@@ -55,7 +55,7 @@ def morph(surface: ArraySurface, path: str | os.PathLike[str], *, frames: int = 
 
 
 def checked_suffix(path: Path) -> str:
-    """The suffix of a file for `morph`, in lower case; checks the format and that its packages are installed."""
+    """The suffix of a file for `morph`, in lower case, after checks of the format and of its packages."""
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise OptionError(f"{path}: unknown format of an animation; use one of {', '.join(SUFFIXES)}")

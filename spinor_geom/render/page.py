@@ -23,7 +23,7 @@ from spinor_geom.errors import OptionError
 from spinor_geom.render.scene import UNKNOWN_COLOUR, VIRIDIS, Faces, Layer, Lines, Scene, overview
 
 _LONG = 60  # cells with more characters wrap
-# unpacks the data and the program of a page, and starts the program; a module runs when the whole page has been read
+# unpacks the data and the program of a page, and starts the program. A module runs when the whole page has been read
 _START = """<script type="module">
   const program = document.createElement("script"), packed = document.getElementById("program");
   async function unpacked(element) {
@@ -172,7 +172,7 @@ class Views:
 
     def __init__(self) -> None:
         self._views: list[dict[str, object]] = []
-        self._arrays: dict[str, int] = {}  # the index of each array; arrays that layers share are stored once
+        self._arrays: dict[str, int] = {}  # the index of each array. Arrays that layers share are stored once
 
     def figure(self, scene: Scene) -> str:
         """Adds a scene and returns its HTML element."""
@@ -220,7 +220,7 @@ class Views:
         )
 
     def _layer(self, layer: Layer, scaled: Callable[[np.ndarray], np.ndarray]) -> dict[str, object]:
-        """A layer in JSON's types; arrays by index."""
+        """A layer in JSON's types, with arrays by index."""
         data: dict[str, object] = {"kind": type(layer).__name__.lower(), **vars(layer)}
         data["vertices"] = scaled(layer.vertices)
         data["conjugate"] = None if layer.conjugate is None else scaled(layer.conjugate)

@@ -19,7 +19,7 @@ from spinor_geom.render.camera import Camera
 from spinor_geom.render.scene import Dots, Faces, Lines, Scale, Scene, overview
 
 SIZE = (1600, 800)
-TIME_LIMIT = 300.0  # seconds; software rendering of a million triangles takes a few
+TIME_LIMIT = 300.0  # seconds. Software rendering of a million triangles takes a few
 TIME_OF_FRAME = 5.0  # additional seconds for each frame
 DRAWING, WINDOW = "spinor_geom.render.png", "VTK_DEFAULT_OPENGL_WINDOW"  # module, and environment variable of VTK
 PICTURE = "{:04d}.png"  # name of the file of an angle
@@ -59,7 +59,7 @@ def drawn(scenes: Sequence[Scene], *, size: tuple[int, int], angles: Sequence[fl
 
 
 def draw_apart(*job: Any, time_limit: float, module: str | None = None, on_event: Send = lambda event: None) -> None:
-    """Calls `draw` in a subprocess that then ends; another `module` gets the same arguments and sends events."""
+    """Calls `draw` in a subprocess that then ends. Another `module` gets the same arguments and sends events."""
     painter = Painter(module or DRAWING)
     try:
         painter.run(*job, time_limit=time_limit, on_event=on_event)
@@ -173,7 +173,7 @@ def draw(scenes: Sequence[Scene], size: tuple[int, int], angles: Sequence[float]
 
 
 def require_window(plotter: Any) -> None:
-    """Ends the process if the display cannot be reached; VTK then falls back to off-screen rendering."""
+    """Ends the process if the display cannot be reached. VTK then falls back to off-screen rendering."""
     if plotter.render_window.GetClassName() in _WITHOUT_WINDOW:
         sys.exit("bad X server")
 
@@ -181,7 +181,7 @@ def require_window(plotter: Any) -> None:
 def add_faces(
     plotter: Any, layer: Faces, scales: dict[str, Scale], *, with_bar: bool, name: str | None = None
 ) -> Callable[[Any], None]:
-    """Adds a surface, in place of one with the same `name`; the returned function moves its vertices.
+    """Adds a surface, in place of one with the same `name`. The returned function moves its vertices.
 
     All members of a family have the same normals.
     """
@@ -226,7 +226,7 @@ def add_faces(
 
 
 def _add_lines(plotter: Any, layer: Lines, radius: float) -> Callable[[Any], None]:
-    """Adds lines as tubes; the returned function moves their vertices."""
+    """Adds lines as tubes. The returned function moves their vertices."""
     import pyvista
 
     cells = np.column_stack([np.full(len(layer.edges), 2), layer.edges]).ravel()

@@ -89,7 +89,7 @@ class Portrait:
         write_png([self.scene(eye=eye, size=size)], path, size=size)
 
     def scene(self, *, eye: Sequence[float] = EYE, size: tuple[int, int] = SIZE) -> Scene:
-        """The layers with a camera that shows all of them; arguments as in `write`."""
+        """The layers with a camera that shows all of them, and arguments as for `write`."""
         return Scene(layers=self.layers, camera=overview(self.layers, eye=eye, aspect=size[0] / size[1]))
 
 
@@ -101,7 +101,7 @@ def surface_layers(
     The layers have the same vertices, those of the boundary first. With `family` they have the conjugate surface too.
     Its combinations with the surface are the associate family, φ replaced by e^{iθ}φ: isometric surfaces with the same
     normals and Gauss curvature. Raises a PeriodError if the conjugate surface does not close: ∮ φ dz ≠ 0 around ∂Ω or a
-    hole, as around poles of p or q; and a SurfaceError if the surface is not finite on its domain.
+    hole, as around poles of p or q, and a SurfaceError if the surface is not finite on its domain.
     """
     if family:
         _require_closed_conjugate(surface)
@@ -121,7 +121,7 @@ def surface_layers(
 
 
 def _require_closed_conjugate(surface: ArraySurface) -> None:
-    """Raises a PeriodError if ∮ φ dz ≠ 0 around ∂Ω; around holes `SpinorSurface.associate` checks it."""
+    """Raises a PeriodError if ∮ φ dz ≠ 0 around ∂Ω. Around holes `SpinorSurface.associate` checks it."""
     if surface.domain.holes:
         return
     (rim,) = surface.rim_primitives(surface.order)

@@ -38,7 +38,7 @@ class Layer:
 
     vertices: Float[np.ndarray, "n 3"]
     colour: str = RIM_COLOUR
-    switch: str | None = None  # check box of the page's panel that shows the layer; None: always shown
+    switch: str | None = None  # check box of the page's panel that shows the layer, or None if it is always shown
     conjugate: Float[np.ndarray, "n 3"] | None = None
     loop: str | None = None  # the loop that is selected by a click on the layer
 
@@ -52,11 +52,11 @@ class Layer:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Faces(Layer):
-    """Triangles. A field, values at the vertices, replaces the colour while it is shown; NaN is grey."""
+    """Triangles. A field, values at the vertices, replaces the colour while it is shown. NaN is grey."""
 
     faces: Int[np.ndarray, "f 3"]
     colour: str = PLAIN_COLOUR
-    inside: str | None = None  # colour of the back side; None: the same colour
+    inside: str | None = None  # colour of the back side, None for the same colour
     fields: Mapping[str, Float[np.ndarray, " n"]] = field(default_factory=dict)  # by name, with the unit
     # own colours, shown instead of `colour`: (n, 3) sRGB of the vertices, 0 to 1, or coordinates in `image` (3f, 2) of
     # all corners, with the origin at the lower left
@@ -71,7 +71,7 @@ class Faces(Layer):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Lines(Layer):
-    """Line segments, of a width in pixels in a picture 500 pixels high; pages draw the halo around them."""
+    """Line segments, of a width in pixels in a picture 500 pixels high. Pages draw the halo around them."""
 
     edges: Int[np.ndarray, "e 2"]
     width: float = 1.5
@@ -96,7 +96,7 @@ class Scale:
 
     @classmethod
     def of(cls, values: Float[np.ndarray, " n"]) -> Scale:
-        """The 3 % and the 97 % quantile of the finite values; 0 and 1 if there are none."""
+        """The 3 % and the 97 % quantile of the finite values, or 0 and 1 if there are none."""
         known = values[np.isfinite(values)]
         low, high = np.quantile(known, [_TAIL, 1 - _TAIL]).tolist() if len(known) else (0.0, 1.0)
         is_cut = len(known) > 0
@@ -122,7 +122,7 @@ class Scene:
     scales: Mapping[str, Scale] = field(default_factory=dict)  # by field. The default is `Scale.of` the values
     loop_cameras: Mapping[str, Camera] = field(default_factory=dict)  # by the loop selected in the page's panel
     panel: bool = False  # whether the view follows the page's panel, else it shows the first field
-    unit: str | None = None  # unit of lengths for a ruler; None: no ruler
+    unit: str | None = None  # unit of lengths for a ruler, None for no ruler
     flat: bool = False  # a plane figure: dragging moves it and does not rotate it
     shape: Literal["wide", "square"] = "wide"  # class in page.css
 

@@ -42,7 +42,7 @@ class Shape:
     values: Mapping[str, np.ndarray]  # (n,) or (n, k), names as in `Shown`
     skin: Mapping[str, Any] = field(default_factory=dict)  # own colours, see `skin_of`
     colour_field: str = MEAN  # name of the values shown as colours
-    is_new: Bool[np.ndarray, " f"] | None = None  # which faces are patches of a fill; None: not known
+    is_new: Bool[np.ndarray, " f"] | None = None  # which faces are patches of a fill, None if not known
     camera: Camera | None = None  # None: an overview
     labels: Sequence[Label] = ()  # numbers of patches
     loops: Sequence[tuple[str, ...]] = ()  # rows of a table of the loops of a fill, its head first
@@ -83,7 +83,7 @@ class Shape:
         write_triangles(self.vertices, self.faces, target, attributes)
 
     def framed(self, *, title: str) -> str:
-        """An `iframe` with an interactive view, for a notebook; text only for more than `MOST_FACES` triangles."""
+        """An `iframe` with an interactive view, for a notebook, or text for more than `MOST_FACES` triangles."""
         facts = f"{title}: {len(self.vertices)} vertices, {len(self.faces)} triangles"
         if len(self.faces) > MOST_FACES:
             return f"<p>{html.escape(facts)}; too many to show here: plot the result of to_pyvista().</p>"

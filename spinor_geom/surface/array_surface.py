@@ -45,10 +45,10 @@ class ArraySurface(Shown):
     x and y are the coordinates of Ω, z = x + iy.
 
     Attributes:
-        model: z ↦ (p, q) before `spinor_map`; see `HolomorphicModel`.
+        model: z ↦ (p, q) before `spinor_map`, a `HolomorphicModel`.
         domain: Ω.
         constant: c, shape (3,), the position of `root`.
-        spinor_map: (2, 2) complex; (p, q) = spinor_map · model.value(z).
+        spinor_map: (2, 2) complex, with (p, q) = spinor_map · model.value(z).
         quadrature: name of the rule on each straight piece of a path.
         order: number of its nodes ("gauss") or intervals ("trapezoid", "simpson").
         rim: ∫ φ dz along ∂Ω, for `positions_inside`, where it is known already and Ω has no holes.

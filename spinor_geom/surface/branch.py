@@ -32,7 +32,7 @@ class BranchPoint:
     """A point of Ω where the surface is not an immersion."""
 
     z: complex  # in Ω
-    order: int  # m, of the zero of φ; the image of a small circle around it winds m + 1 times around the normal
+    order: int  # m, of the zero of φ. The image of a small circle around it winds m + 1 times around the normal
     invariant: Literal[0, 1]  # in ℤ₂: 1 if the frames along such a circle lift to SU(2)
 
     @property
@@ -44,7 +44,7 @@ class BranchPoint:
 def branch_points(spinors: Functions, phi: Functions, domain: PlaneDomain) -> tuple[BranchPoint, ...]:
     """Common zeros of p and q in Ω, from the functions z ↦ (p, q) and z ↦ φ.
 
-    They are computed as common zeros of two generic combinations, u = a·p + b·q and v = −b̄·p + ā·q; zeros up to 1e-4 of
+    They are computed as common zeros of two generic combinations, u = a·p + b·q and v = −b̄·p + ā·q. Zeros up to 1e-4 of
     the domain's diameter apart count as common.
     """
     u, v = np.array([[_A, _B], [-_B.conjugate(), _A.conjugate()]])

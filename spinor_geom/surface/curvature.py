@@ -17,7 +17,7 @@ _ENTRIES_PER_NODE = 4  # numbers in memory: the node and its derivatives
 
 
 def mean_curvature(position: Position, x: Float[Tensor, " n"], y: Float[Tensor, " n"]) -> Float[Tensor, " n"]:
-    """Mean curvature H = ½ tr(I⁻¹ II) of r = position(x, y), in 1/length; positive where it bends towards r_x × r_y.
+    """Mean curvature H = ½ tr(I⁻¹ II) of r = position(x, y), in 1/length, positive where it bends towards r_x × r_y.
 
     The position is differentiated twice in forward mode, at all points at once.
     """

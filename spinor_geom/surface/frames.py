@@ -32,7 +32,7 @@ def phi_from_frames(
     direction_in_omega: Complex[Array, "*batch n"],
     scale: Float[Array, "*batch n"],
 ) -> Complex[Array, "*batch n 3"]:
-    """φ = λ (T − iν) τ̄ with ν = N × T at the samples of a curve; φ·φ = 0 and |φ|² = 2λ².
+    """φ = λ (T − iν) τ̄ with ν = N × T at the samples of a curve, so that φ·φ = 0 and |φ|² = 2λ².
 
     The tangent and τ may have any length, and the normal any component along the tangent. None may be 0. The scale is
     λ, length in space per length in Ω.
@@ -74,7 +74,7 @@ def loop_invariant(phi: Complex[Array, "n 3"], direction_in_omega: Complex[Array
     """The ℤ₂ invariant of a closed curve in Ω: 1 if the surface's frame along it lifts to SU(2), else 0.
 
     The frame is the curve's unit tangent, the surface's normal, and their cross product. Around a circle in an immersed
-    disk it turns once, and does not lift; around a zero of φ of order m it turns m + 1 times. Raises an OptionError if
+    disk it turns once, and does not lift. Around a zero of φ of order m it turns m + 1 times. Raises an OptionError if
     the frames of neighbours differ by 90° or more.
 
     Source: Sun & Chern (2026), on branch points; Pinkall, "Regular homotopy classes of immersed surfaces" (1985).
@@ -95,7 +95,7 @@ def loop_invariant(phi: Complex[Array, "n 3"], direction_in_omega: Complex[Array
 
 
 def _signs(p: Complex[Array, "*batch n"], q: Complex[Array, "*batch n"]) -> Float[Array, "*batch n"]:
-    """−1 where the spinors at k and k − 1 have opposite signs, else +1; entry 0 compares the first and the last."""
+    """−1 where the spinors at k and k − 1 have opposite signs, else +1. Entry 0 compares the first and the last."""
     xp = namespace(p)
     overlap = p * shifted(p, 1).conj() + q * shifted(q, 1).conj()
     return xp.where(overlap.real < 0, -1.0, xp.ones_like(overlap.real))

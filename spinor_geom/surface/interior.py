@@ -121,7 +121,7 @@ def require_finite(z: Complex[np.ndarray, "*pts"]) -> None:
 def find_anchors(z: Places, domain: PlaneDomain) -> Int[np.ndarray, " k"]:
     """For each point of Ω a vertex of the triangulation such that the segment between them lies in Ω.
 
-    It is the nearest corner of the triangle that contains the point, or of the nearest triangle; inner corners come
+    It is the nearest corner of the triangle that contains the point, or of the nearest triangle. Inner corners come
     before those on ∂Ω, near which p and q have poles. A point that is not finite raises a DomainError.
     """
     require_finite(z)

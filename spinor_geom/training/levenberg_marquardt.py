@@ -1,8 +1,8 @@
 """Training of complex-valued networks by the Levenberg-Marquardt method.
 
-Distillation fits p and q to those of another surface; polishing reduces the distance of the boundary from Γ. p and q
+Distillation fits p and q to those of another surface. Polishing reduces the distance of the boundary from Γ. p and q
 are holomorphic in the network's parameters, so their Jacobian J at m points is a complex matrix with m rows. A damped
-step is Jᴴu with (J Jᴴ + μ)u the residual: m equations, whatever the number of parameters; see `Linearisation`.
+step is Jᴴu with (J Jᴴ + μ)u the residual: m equations, whatever the number of parameters, see `Linearisation`.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from spinor_geom.torch_extra import Tensor, torch
 from spinor_geom.training.boundary import BoundaryNodes, MatchedBoundary, as_boundary_curve, diagonal_of, move_to
 from spinor_geom.training.trained import Trained, TrainingStep
 
-# initial damping relative to the mean diagonal entry of J Jᴴ, close to the solution and far from it; least damping
+# initial damping relative to the mean diagonal entry of J Jᴴ, close to the solution and far from it, and least damping
 _NEAR, _FAR, _LEAST_DAMPING = 1e-6, 1e-1, 1e-16
 _LESS, _MORE = 0.2, 4.0  # factors of the damping after a good and a bad step
 _PATIENCE, _GAIN = 12, 0.1  # the distance stagnates if this number of steps reduces it by less than this share
@@ -53,8 +53,8 @@ class LevenbergMarquardt:
     """Second-order training of a `ComplexMLP`.
 
     Attributes:
-        depth: number of hidden layers; 10 for the paper's network.
-        width: units in each layer; 20 for the paper's network.
+        depth: number of hidden layers, 10 in the paper's network.
+        width: units in each layer, 20 in the paper's network.
         activation: an entire function.
         seed: of the initial parameters.
         nodes: initial number of nodes on ∂Ω.
@@ -83,7 +83,7 @@ class LevenbergMarquardt:
     def disk(
         self, curve: BoundaryCurve, *, start: PlateauSolution | None, device: str | torch.device, steps: Steps
     ) -> RouteResult:
-        """A minimal disk over a curve at unit size; see `plateau.options.Trainer`."""
+        """A minimal disk over a curve at unit size, as of `plateau.options.Trainer`."""
         unit = None
         if start is not None:
             loop = start.loop
@@ -112,7 +112,7 @@ def train_by_levenberg_marquardt(
 
     Args:
         curve: Γ.
-        start: a surface with a boundary near Γ; by default training starts from random parameters on the unit disk.
+        start: a surface with a boundary near Γ. By default training starts from random parameters on the unit disk.
         matching: (n, 2), increasing pairs (t, s) of parameters of the ∂Ω of `start` and of Γ, by default s = t.
         options: of the network and the training.
         device: for the linear algebra and the returned surface.
@@ -161,7 +161,7 @@ class _Training:
         self.history: list[TrainingStep] = []
 
     def run(self, matching: Float[np.ndarray, "n 2"]) -> Trained:
-        """Distils and polishes; doubles the nodes while the distance from Γ is much larger between nodes."""
+        """Distils and polishes. Doubles the nodes while the distance from Γ is much larger between nodes."""
         count = self.options.nodes
         while True:
             nodes = BoundaryNodes.on(self.domain, count, self.device)
@@ -246,7 +246,7 @@ class Distillation:
     values: Complex[Tensor, "n 2"]
 
     def at(self, linear: Linearisation) -> Distillation:
-        """The problem at other parameters; losses are NaN if the network overflows."""
+        """The problem at other parameters. Losses are NaN if the network overflows."""
         return replace(self, linear=linear)
 
     @property
@@ -336,7 +336,7 @@ def descend(
 ) -> Fit:
     """Solves a least-squares problem by damped steps of a network's parameters, which change in place.
 
-    Returns the problem at the final parameters. The initial damping is relative to the mean diagonal entry of J Jᴴ;
+    Returns the problem at the final parameters. The initial damping is relative to the mean diagonal entry of J Jᴴ.
     `on_step` receives the RMS residual after each step.
     """
     reference, since = rms(fit), 0

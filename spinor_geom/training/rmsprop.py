@@ -33,7 +33,7 @@ _GROWTH = 1e3  # training has diverged if the loss exceeds that of the first epo
 _BOUNDARY_POINTS, _CURVE_POINTS = 512, 8192  # points of ∂Ω for the boundary error, and of Γ for its centre
 _DIAGONAL = 2 * math.sqrt(2)  # of the unit circle. The solver's curves are scaled to it to suit the learning rate
 PointsAndVelocities: TypeAlias = tuple[Float[Tensor, "n 3"], Float[Tensor, "n 3"]]  # of a closed curve
-_SIZES, _PIECES = (1, 64, 64, 32, 1), 512  # layers of ρ; pieces of [0, 1] on which it is interpolated linearly
+_SIZES, _PIECES = (1, 64, 64, 32, 1), 512  # layers of ρ, and pieces of [0, 1] on which it is interpolated linearly
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +41,7 @@ class RMSprop:
     """Options of the paper's Algorithm 1. The defaults are its settings.
 
     Attributes:
-        representation: "spinor" for p and q; "weierstrass-enneper" for f and g, the paper's baseline.
+        representation: "spinor" for p and q, or "weierstrass-enneper" for f and g, the paper's baseline.
         depth: hidden layers of each of the two networks.
         width: units in each layer.
         activation: an entire function.
@@ -86,7 +86,7 @@ class RMSprop:
     def disk(
         self, curve: BoundaryCurve, *, start: PlateauSolution | None, device: str | torch.device, steps: Steps
     ) -> RouteResult:
-        """A minimal disk over a curve at unit size, from random parameters; see `plateau.options.Trainer`."""
+        """A minimal disk over a curve at unit size, from random parameters, as of `plateau.options.Trainer`."""
         assert start is None
         larger = curve.placed(_DIAGONAL * curve.coefficients[-1], _DIAGONAL)
         trained = train_by_rmsprop(larger, options=self, device=device, on_epoch=lambda s: steps.take(s.method, s.loss))
@@ -247,7 +247,7 @@ class CircleHomeomorphism(torch.nn.Module):
     """
 
     def __init__(self, *, generator: torch.Generator | None = None) -> None:
-        """Random parameters, uniform in ±1/√fan-in, on the CPU; b = 0."""
+        """Random parameters, uniform in ±1/√fan-in, on the CPU, and b = 0."""
         super().__init__()
         pairs = itertools.pairwise(_SIZES)
         # created without initialisation, which would use torch's global generator

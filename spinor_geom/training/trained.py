@@ -21,8 +21,8 @@ class TrainingStep:
 
     Attributes:
         index: from 1.
-        method: "RMSprop"; "distillation" of given p and q; "polishing" of the distance from Γ.
-        loss: the mean loss of the epoch; or the RMS error of p and q, or the RMS distance from Γ, after the step.
+        method: "RMSprop", "distillation" of given p and q, or "polishing" of the distance from Γ.
+        loss: the mean loss of the epoch, or the RMS error of p and q, or the RMS distance from Γ, after the step.
         boundary_error: largest distance of the boundary from Γ, in units of space, or None if it was not measured.
         seconds: of training since the start, without the time for `boundary_error`.
     """
@@ -39,14 +39,14 @@ class Trained:
     """A surface from training.
 
     Attributes:
-        surface: the surface, a `WeierstrassSurface` for that representation; if training diverged, that of the epoch
+        surface: the surface, a `WeierstrassSurface` for that representation. If training diverged, that of the epoch
             before.
         matching: (n, 2), increasing pairs (t, s) of parameters of ∂Ω and of Γ.
         misfit: distance between the boundary and Γ, at points that were not used in training.
         diagonal: diagonal of the bounding box of Γ.
         history: the steps.
-        status: "converged": the distance is within the tolerance; "finished": all epochs are done; "stopped": no more
-            progress, or the time limit; "diverged": the loss became infinite, NaN or far larger than at the start.
+        status: "converged": the distance is within the tolerance. "finished": all epochs are done. "stopped": no more
+            progress, or the time limit. "diverged": the loss became infinite, NaN or far larger than at the start.
         reason: the status as a sentence with figures.
         seconds: time of training.
     """
