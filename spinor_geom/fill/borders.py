@@ -95,7 +95,8 @@ class _NearbyFaces:
     @classmethod
     def of(cls, patched: PatchedMesh, loop: BoundaryLoop) -> _NearbyFaces:
         mesh, some = patched.mesh, slice(None, None, math.ceil(len(loop) / _MOST_POINTS))
-        own = replace(loop, points=loop.points[some], vertex_ids=loop.vertex_ids[some], corners=loop.corners[some])
+        points, ids, corners = loop.points[some], loop.vertex_ids[some], loop.corners[some]
+        own = replace(loop, points=points, vertex_ids=ids, corners=corners, beside=None)
         area = face_areas(own.points, disk_without_inner_points(own.points)).sum()
         points, width = _smoothed(own, float(area))
         faces = _faces_within(patched, loop, _COLLAR * width)

@@ -58,7 +58,7 @@ class BoundaryLoop:
         seam_distance: the largest distance between the two sides of slits and seams, in mesh units.
         junctions: (k, 3) int64 vertex ids of T-junctions of this loop: a vertex, and the two ends of the boundary edge
             on which the vertex and one of its own edges lie.
-        beside: (3,) mean position of the mesh's vertices opposite the loop's edges, or None without a mesh.
+        beside: (M, 3) positions of the mesh's vertices opposite the loop's edges, or None without a mesh.
         obstacle: the error that prevents joining a patch to the mesh along the loop, or None if a patch can be joined.
         remarks: inconsistencies of the faces that touch the loop, one sentence each.
 
@@ -76,7 +76,7 @@ class BoundaryLoop:
     seam_edges: Int[np.ndarray, "k 2"] = field(default_factory=lambda: np.empty((0, 2), dtype=np.int64))
     seam_distance: float = 0.0
     junctions: Int[np.ndarray, "j 3"] = field(default_factory=lambda: np.empty((0, 3), dtype=np.int64))
-    beside: Float[np.ndarray, " 3"] | None = None
+    beside: Float[np.ndarray, "m 3"] | None = None
     obstacle: MeshError | None = None
     remarks: tuple[str, ...] = ()
 
@@ -140,7 +140,10 @@ class BoundaryLoop:
         """The loop with the opposite direction and the same first point."""
         back = backwards(len(self))
         points, ids, corners = self.points[back], self.vertex_ids[back], self.corners[back]
-        return replace(self, points=points, vertex_ids=ids, corners=corners, seam_edges=self.seam_edges[:, ::-1])
+        beside = None if self.beside is None else self.beside[::-1]
+        return replace(
+            self, points=points, vertex_ids=ids, corners=corners, seam_edges=self.seam_edges[:, ::-1], beside=beside
+        )
 
     @cached_property
     def edge_lengths(self) -> Float[np.ndarray, " m"]:

@@ -49,9 +49,8 @@ def find_boundary_loops(mesh: TriangleMesh, sheets: Sheets | None = None) -> lis
     if not len(sheets.half_edges.boundary):
         return []
     traced = _traced_loops(sheets)
-    opposite = mesh.vertices[sheets.half_edges.opposite[traced.half_edges]]
-    beside = np.add.reduceat(opposite, traced.starts[:-1]) / np.diff(traced.starts)[:, None]
-    traced = traced.from_first_points(mesh.vertices, beside)
+    traced = traced.from_first_points(mesh.vertices, sheets.half_edges.opposite)
+    beside = mesh.vertices[sheets.half_edges.opposite[traced.half_edges]]
     points, successor, numbers = mesh.vertices[traced.vertices], traced.successor, traced.numbers
     overlaps = find_overlaps(points, successor, numbers, math.hypot(*box_sides(mesh.vertices)))
     on_other = (overlaps.other > 0) & overlaps.is_matched
@@ -66,7 +65,10 @@ def find_boundary_loops(mesh: TriangleMesh, sheets: Sheets | None = None) -> lis
     is_other = number[:, 0] != number[:, 1]
     number, of_loop = np.append(number[:, 0], number[is_other, 1]), np.append(of_loop, of_loop[is_other])
     order = np.lexsort((of_loop, number))
-    junctions, bounds = overlaps.junctions[of_loop[order]], np.searchsorted(number[order], np.arange(len(beside) + 1))
+    bounds, junctions = (
+        np.searchsorted(number[order], np.arange(len(traced.starts))),
+        overlaps.junctions[of_loop[order]],
+    )
     entry, edge = junctions.T
     junctions = traced.vertices[np.stack([entry, edge, successor[edge]], axis=1)]
     edges = np.stack([traced.vertices, traced.vertices[successor]], axis=1)
@@ -84,15 +86,15 @@ def find_boundary_loops(mesh: TriangleMesh, sheets: Sheets | None = None) -> lis
             slit_fraction=share,
             seam_distance=apart,
             junctions=junctions[slice(*ends_of)],
-            beside=near,
+            beside=beside[start:end],
             obstacle=defects.obstacle(traced.half_edges[start:end]) if has_defects else None,
             remarks=tuple(defects.remarks(traced.vertices[start:end], traced.half_edges[start:end]))
             if has_defects
             else (),
         )
-        for (start, end), ends_of, near, share, apart, has_defects in zip(
+        for (start, end), ends_of, share, apart, has_defects in zip(
             *(pairwise(traced.starts.tolist()), pairwise(bounds.tolist())),
-            *(beside, slit.tolist(), distance.tolist(), are_beside.tolist()),
+            *(slit.tolist(), distance.tolist(), are_beside.tolist()),
             strict=True,
         )
     ]
@@ -115,13 +117,17 @@ class _TracedLoops:
     half_edges: Int[np.ndarray, " n"]
     starts: Int[np.ndarray, " r"]
 
-    def from_first_points(self, positions: Float[np.ndarray, "v 3"], beside: Float[np.ndarray, "r 3"]) -> _TracedLoops:
-        """The loops from their `first_points`, which does not depend on the numbers of the vertices."""
+    def from_first_points(self, positions: Float[np.ndarray, "v 3"], opposite: Int[np.ndarray, " h"]) -> _TracedLoops:
+        """The loops from their `first_points`, which does not depend on the numbers of the vertices.
+
+        `opposite` are the vertices opposite to half-edges.
+        """
         starts, lengths = self.starts[:-1].copy(), np.diff(self.starts)
         for length in np.unique(lengths).tolist():
             loops = np.flatnonzero(lengths == length)
-            own = positions[self.vertices[starts[loops, None] + np.arange(length)]]
-            starts[loops] += first_points(own, beside[loops])[0]
+            entries = starts[loops, None] + np.arange(length)
+            beside = positions[opposite[self.half_edges[entries]]]
+            starts[loops] += first_points(positions[self.vertices[entries]], beside)[0]
         place = np.arange(len(self.vertices)) - np.repeat(self.starts[:-1], lengths) + np.repeat(starts, lengths)
         ends = np.repeat(self.starts[1:], lengths)
         place = np.where(place < ends, place, place - np.repeat(lengths, lengths))

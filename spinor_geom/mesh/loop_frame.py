@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,8 +13,10 @@ from spinor_geom.arrays import backwards, norm, shifted
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, centroids, diagonals
 from spinor_geom.mesh.spacing import edge_lengths
 
-# Lengths that differ by less than this share of the polygon's size count as equal. Rounding changes them by 1e-15.
-_ALIKE = 1e-9
+_ALIKE = 1e-9  # points whose distances differ by less than this share are equally far
+# Lengths count as equal if rounding may make the difference: 1e-13 of the polygon's size, and this share of its largest
+# coordinate. The polygon's copies with another first point then nearly always have the same rounded coordinates.
+_ROUNDED, _ROUNDED_COORDINATE = 1e-13, 1e-15
 # Local coordinates are multiples of 2^-36 of the size (1.5e-11), and of about 2^-20 of the shortest edge if that is
 # shorter. Positions with errors of 1e-15 then nearly always have the same local coordinates.
 _BITS, _BITS_OF_EDGE = 36, 20
@@ -52,7 +55,7 @@ class LoopFrame:
         order = _ordered(len(points), first, is_backward)
         ordered = points[order]
         centre = centroids(ordered)
-        axes = _axes(ordered - centre, None if loop.beside is None else loop.beside - centre)
+        axes = _axes(ordered - centre, None if loop.beside is None else loop.beside.mean(axis=0) - centre)
         size = float(diagonals((ordered - centre) @ axes.T)) or 1.0
         edges = edge_lengths(ordered)
         shortest = float(edges[edges > 0].min(initial=size)) / size
@@ -103,32 +106,26 @@ class LoopFrame:
         )
 
 
-def first_point(points: Float[np.ndarray, "m 3"], beside: Float[np.ndarray, "3"] | None = None) -> tuple[int, bool]:
+def first_point(points: Float[np.ndarray, "m 3"], beside: Float[np.ndarray, "m 3"] | None = None) -> tuple[int, bool]:
     """`first_points` of one polygon."""
     first, is_backward = first_points(points[None], None if beside is None else beside[None])
     return int(first[0]), bool(is_backward[0])
 
 
 def first_points(
-    points: Float[np.ndarray, "b m 3"], beside: Float[np.ndarray, "b 3"] | None = None
+    points: Float[np.ndarray, "b m 3"], beside: Float[np.ndarray, "b m 3"] | None = None
 ) -> tuple[Int[np.ndarray, " b"], Bool[np.ndarray, " b"]]:
-    """A point of each closed polygon, and whether it is passed backwards from there, by distances between its points.
+    """A point of each closed polygon, and whether it is passed backwards from there, by distances between points.
 
-    The first one and its direction have the largest sequence of lengths: of the next edge, of the distance from the
-    centroid, of the distances to the second and third next point and from a point beside the polygon, then the same
-    from the next point on.
+    The first one and its direction have the largest sequence of `_lengths`, then the same from the next point on.
     """
     m = points.shape[1]
-    away = norm(points - centroids(points)[:, None])
-    allowed = _ALIKE * away.max(axis=1, keepdims=True)
+    size = norm(points - centroids(points)[:, None]).max(axis=1, keepdims=True)
+    allowed = np.maximum(_ROUNDED * size, _ROUNDED_COORDINATE * np.abs(points).max(axis=2).max(axis=1, keepdims=True))
     is_best = np.ones((len(points), 2 * m), dtype=bool)  # the points forwards, then the points backwards
     features = []
-    for steps, origin in ((1, points), (0, None), (2, points), (3, points), (0, beside)):
-        if origin is points:
-            values = norm(shifted(points, -steps, axis=1) - points)
-        else:
-            values = away if origin is None else norm(points - origin[:, None])
-        features.append(np.concatenate([values, shifted(values, steps, axis=1)], axis=1))
+    for both in _lengths(points, beside):
+        features.append(np.concatenate(both, axis=1))
         largest = np.where(is_best, features[-1], -np.inf).max(axis=1, keepdims=True)
         is_best &= features[-1] >= largest - allowed
         if np.count_nonzero(is_best) == len(points):
@@ -139,6 +136,24 @@ def first_points(
         is_best[rows] = _with_largest_sequence(is_best[rows], own, allowed[rows])
     best = is_best.argmax(axis=1)
     return best % m, best >= m
+
+
+def _lengths(
+    points: Float[np.ndarray, "b m 3"], beside: Float[np.ndarray, "b m 3"] | None
+) -> Iterator[tuple[Float[np.ndarray, "b m"], Float[np.ndarray, "b m"]]]:
+    """Lengths at the points of polygons, in both directions.
+
+    They are those of the next edge, and the distances from the centroid, to the second and third next point and, with
+    points beside the edges, from the mean of these and from the one beside the next edge.
+    """
+    for steps in (1, 0, 2, 3):
+        to = shifted(points, -steps, axis=1) if steps else centroids(points)[:, None]
+        values = norm(to - points)
+        yield values, shifted(values, steps, axis=1)
+    if beside is not None:
+        values = norm(points - beside.mean(axis=1, keepdims=True))
+        yield values, values
+        yield norm(beside - points), shifted(norm(beside - shifted(points, -1, axis=1)), 1, axis=1)
 
 
 def _with_largest_sequence(

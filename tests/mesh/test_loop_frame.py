@@ -43,15 +43,32 @@ def test_outside_inverts_local(name: str) -> None:
 def test_a_point_beside_decides_where_a_polygon_is_symmetric() -> None:
     square = np.array([[1.0, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]])
     for k in range(4):
-        place = first_point(np.roll(square, k, axis=0), np.array([0.3, 0.1, -1.0]))[0]
+        place = first_point(np.roll(square, k, axis=0), np.tile([0.3, 0.1, -1.0], (4, 1)))[0]
         np.testing.assert_array_equal(np.roll(square, k, axis=0)[place], square[2])
+
+
+@pytest.mark.parametrize("name", ["circle", "zigzag"])
+def test_points_beside_the_edges_decide_the_direction_of_a_symmetric_polygon(name: str) -> None:
+    points = POLYGONS[name](np.random.default_rng(3))
+    start = 1.2 * points - [0, 0, 1]  # each nearer to the start of its edge
+    loop = dataclasses.replace(BoundaryLoop.from_points(points), beside=start)
+    assert LoopFrame.of(loop).is_backward != LoopFrame.of(loop.reversed()).is_backward
+
+
+def test_deviations_from_symmetry_beyond_rounding_decide() -> None:
+    points = POLYGONS["circle"](np.random.default_rng(3))
+    points = points + 1e-10 * np.random.default_rng(4).normal(size=points.shape)
+    expected = local(points)
+    for k in range(len(points)):
+        np.testing.assert_array_equal(local(np.roll(points, k, axis=0)), expected)
+        np.testing.assert_array_equal(local(np.roll(points, k, axis=0)[::-1]), expected)
 
 
 @pytest.mark.parametrize("beside", [[0.0, -1e24, 0.0], [1e12, 3e11, 1.0], [0.3, 1e10, 1e-3]])
 def test_axes_are_orthonormal_however_far_the_point_beside_is(beside: list[float]) -> None:
     t = 2 * np.pi * np.arange(8) / 8 + 1.1
     loop = BoundaryLoop.from_points(np.column_stack([np.cos(t), np.sin(t), 1 + 0 * t]))
-    axes = LoopFrame.of(dataclasses.replace(loop, beside=np.array(beside))).axes
+    axes = LoopFrame.of(dataclasses.replace(loop, beside=np.tile(beside, (8, 1)))).axes
     assert abs(axes @ axes.T - np.eye(3)).max() < 1e-14
 
 
@@ -69,7 +86,7 @@ def test_ties_of_many_polygons_are_broken_as_those_of_each() -> None:
     # multiples of 1/2 give many equal lengths. Some of the polygons are symmetric
     many = random.integers(0, 3, (300, 6, 3)) / 2.0
     many[::3, 3:] = -many[::3, :3]
-    beside = random.integers(0, 2, (300, 3)) * 1.0
+    beside = random.integers(0, 2, (300, 6, 3)) * 1.0
     first, is_backward = first_points(many, beside)
     alone = [first_point(points, near) for points, near in zip(many, beside, strict=True)]
     assert list(zip(first.tolist(), is_backward.tolist(), strict=True)) == alone
