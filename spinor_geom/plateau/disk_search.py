@@ -30,13 +30,8 @@ from spinor_geom.mesh.operators import cotangent_laplacian, face_areas
 from spinor_geom.plateau.problem import PlateauProblem, start_indices
 from spinor_geom.plateau.route_result import FAILURES
 from spinor_geom.plateau.solution import PlateauSolution
-from spinor_geom.plateau.stability import AMPLITUDES, lowest_modes
+from spinor_geom.plateau.stability import AMPLITUDES, EQUAL_NORMALS, lowest_modes
 from spinor_geom.plateau.steps import Steps
-
-# RMS difference of the normals along Γ, in radians, below which disks of equal area are the same: a minimal surface is
-# determined by its normal along a curve. The mirror images over the tennis seam a = 0.76 differ by 0.18, two solutions
-# for the same disk by 3e-4.
-_SAME_NORMAL = 0.1
 
 # A solver: the solution from a discrete disk over the loop. It raises one of `FAILURES` if there is none.
 Solve: TypeAlias = Callable[[Disk], PlateauSolution]
@@ -240,9 +235,10 @@ class _Search:
         return solution
 
     def _are_one(self, a: _Entry, b: _Entry) -> bool:
+        # a minimal surface is determined by its normal along a curve
         apart = abs(a.solution.area - b.solution.area)
         turned = self.rim.mean(((a.normals - b.normals) ** 2).sum(axis=1)) ** 0.5
-        return apart <= _area_error(a.solution, b.solution) and turned <= _SAME_NORMAL
+        return apart <= _area_error(a.solution, b.solution) and turned <= EQUAL_NORMALS
 
     def start_from_unstable(self) -> None:
         """Starts from displacements of every unstable disk, including those that this search finds."""

@@ -19,29 +19,25 @@ from numpy.polynomial import Polynomial
 from numpy.typing import ArrayLike
 
 from spinor_geom.arrays import EPS
-from spinor_geom.domain.plane_domain import TOWARDS_CORNER, PlaneDomain, SplineBoundary
+from spinor_geom.domain.plane_domain import PARTS, TOWARDS_CORNER, PlaneDomain, SplineBoundary
 from spinor_geom.domain.quadrature import rule
 from spinor_geom.errors import OptionError, SurfaceError
 from spinor_geom.mesh.array_checks import frozen
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, diagonals
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.mesh.interpolation import piece_places, through
+from spinor_geom.mesh.interpolation import ANALYTIC_DEGREE, piece_places, through
 from spinor_geom.mesh.open_curve import OpenCurve
 from spinor_geom.plateau.evidence import Evidence
+from spinor_geom.plateau.newton import SMALL, STEPS_TO_ROUNDING
 from spinor_geom.plateau.rim_match import RimMatch
 from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution
-from spinor_geom.plateau.stability import Stability
+from spinor_geom.plateau.stability import EQUAL_NORMALS, Stability
 from spinor_geom.surface.array_surface import PATH_ORDER, ArraySurface
 
-# Relative to the diagonal: largest distance of an end from its plane, and length of a free edge that ends nowhere.
-_ON_PLANE, _LONGEST = 1e-6, 20.0
-# Sine of the angle up to which curves and films are orthogonal to a plane: curves without a corner in their reflection.
-_ORTHOGONAL = 0.02
+_LONGEST = 20.0  # length of a free edge that ends nowhere, in diagonals
 _END_POINTS = 6  # of a curve for the polynomial whose derivative is the tangent at its end
-_STEP = 0.01  # along a free edge, relative to the diagonal
-_PIECES = 24  # of a free edge
-_NEWTON = 5  # steps
-_FADING = 8  # power of the distance from the other end with which displacements of an end decrease
+# Pieces of a free edge. It is traced in `PARTS` steps for each piece of an edge as long as the diagonal.
+_PIECES = 24
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -61,7 +57,7 @@ class MirrorPlanes:
         if not length.all():
             raise OptionError(f"the normal of plane {int(length.argmin())} is 0; give the direction of its normal")
         normals = given[:, 1] / length[:, None]
-        if np.abs(normals @ normals.T - np.eye(len(normals))).max() > _ON_PLANE:
+        if np.abs(normals @ normals.T - np.eye(len(normals))).max() > SMALL:
             raise OptionError("the planes of symmetry are not mutually orthogonal; give orthogonal normals")
         return cls(normals=normals, offsets=(normals * given[:, 0]).sum(axis=1))
 
@@ -86,7 +82,7 @@ class _Arc:
     @classmethod
     def of(cls, curve: OpenCurve, number: int, planes: MirrorPlanes) -> _Arc:
         points, corners = np.array(curve.points), curve.is_corner
-        ends, at = [], diagonals(points) * _ON_PLANE
+        ends, at = [], diagonals(points) * SMALL
         heights = planes.heights(points)
         for place, name in ((0, "start"), (-1, "end")):
             near = np.flatnonzero(np.abs(heights[place]) <= at)
@@ -122,7 +118,7 @@ def _turns(points: Float[np.ndarray, "m 3"], corners: np.ndarray, place: int, no
     near = points[: min(_END_POINTS, int(inner[0]) + 2 if len(inner) else len(points))]
     t = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(near, axis=0), axis=1)))
     slope = np.array([Polynomial.fit(t, axis, len(t) - 1).deriv()(0.0) for axis in near.T])
-    return bool(np.linalg.norm(np.cross(slope, normal)) > _ORTHOGONAL * np.linalg.norm(slope))
+    return bool(np.linalg.norm(np.cross(slope, normal)) > EQUAL_NORMALS * np.linalg.norm(slope))
 
 
 def open_curves(what: Any) -> list[OpenCurve]:
@@ -145,7 +141,7 @@ def solve_mirrored(
     arcs = [_Arc.of(curve, number, planes) for number, curve in enumerate(curves)]
     points = np.concatenate([arc.points for arc in arcs])
     heights = planes.heights(points)
-    beyond = np.minimum(heights.max(axis=0), -heights.min(axis=0)) > _ON_PLANE * diagonals(points)
+    beyond = np.minimum(heights.max(axis=0), -heights.min(axis=0)) > SMALL * diagonals(points)
     if beyond.any():
         raise OptionError(
             f"the curves lie on both sides of plane {int(beyond.argmax())} of mirror; give those on one side"
@@ -191,12 +187,19 @@ class _Side:
     is_free: bool = False
 
     def between(self, before: _Side, after: _Side) -> _Side:
-        """A free edge whose ends, which are off by the boundary residual, are moved to its neighbours."""
+        """A free edge whose ends, which are off by the boundary residual, are moved to its neighbours.
+
+        Displacements of an end decrease with a power of the distance from the other end, the highest that is exact.
+        """
         x = (np.arange(_PIECES) + piece_places()[:, None])[..., None] / _PIECES
         first = before.ends[1] - self.ends[0]
         last = np.zeros(3) if after.is_free else after.ends[0] - self.ends[1]
-        moved = (1 - x) ** _FADING * first + x**_FADING * last
-        turned = _FADING / self.length * (x ** (_FADING - 1) * last - (1 - x) ** (_FADING - 1) * first)
+        moved = (1 - x) ** ANALYTIC_DEGREE * first + x**ANALYTIC_DEGREE * last
+        turned = (
+            ANALYTIC_DEGREE
+            / self.length
+            * (x ** (ANALYTIC_DEGREE - 1) * last - (1 - x) ** (ANALYTIC_DEGREE - 1) * first)
+        )
         space = replace(self.space, values=self.space.values + moved)
         return replace(self, space=space, slopes=self.slopes + turned, ends=self.ends + np.stack([first, last]))
 
@@ -344,7 +347,7 @@ class _Part:
 
         Returns with them the number of the curve or of the other plane.
         """
-        surface, planes, step = self.whole.array_surface, self.planes, _STEP * self.whole.diagonal
+        surface, planes, step = self.whole.array_surface, self.planes, self.whole.diagonal / (PARTS * _PIECES)
 
         def ahead(w: complex) -> complex:
             return 1j / complex(surface.null_curve(np.array([w]))[0] @ planes.normals[plane])
@@ -352,7 +355,7 @@ class _Part:
         path, r = [z], surface.position(np.array([z]))[0]
         ends = {k: surface.position(np.array([target]))[0] for k, target in targets.items()}
         way = step if (np.conj(before) * ahead(z)).imag > 0 else -step
-        for number in range(int(_LONGEST / _STEP)):
+        for number in range(int(_LONGEST * PARTS * _PIECES)):
             reached = [k for k, end in ends.items() if np.linalg.norm(end - r) < 1.5 * step]
             if reached and number:
                 return np.array([*path, targets[reached[0]]]), reached[0], None
@@ -372,7 +375,7 @@ class _Part:
     def _crossing(self, z: complex, plane: int, other: int) -> complex:
         """The point near z where the film meets two planes, by Newton's method."""
         both = [plane, other]
-        for _ in range(_NEWTON):
+        for _ in range(STEPS_TO_ROUNDING):
             slope = self.whole.array_surface.null_curve(np.array([z]))[0] @ self.planes.normals[both].T
             away = self.planes.heights(self.whole.array_surface.position(np.array([z]))[0])[both]
             x, y = np.linalg.solve(np.stack([slope.real, -slope.imag], axis=1), -away)
@@ -394,13 +397,13 @@ class _Part:
         f = along @ normal + away[0]
         length = float(abs(f[-1].imag))
         x = (np.arange(_PIECES) + piece_places()[:, None]).ravel() / _PIECES
-        wanted = away @ [(1 - x) ** _FADING, x**_FADING] + 1j * x * f[-1].imag
+        wanted = away @ [(1 - x) ** ANALYTIC_DEGREE, x**ANALYTIC_DEGREE] + 1j * x * f[-1].imag
         near = np.abs(x[:, None] - f.imag / f[-1].imag).argmin(axis=1)
         z = path[near]
-        for _ in range(_NEWTON):
+        for _ in range(STEPS_TO_ROUNDING):
             moved = self._integral(path[near], z)
             z = z + (wanted - f[near] - moved @ normal) / (surface.null_curve(z) @ normal)
-        if np.abs(surface.normal(z[_PIECES:-_PIECES]) @ normal).max() > _ORTHOGONAL:
+        if np.abs(surface.normal(z[_PIECES:-_PIECES]) @ normal).max() > EQUAL_NORMALS:
             raise SurfaceError("the film is not orthogonal to the planes: it has less symmetry than its curves")
         phi = surface.null_curve(z)
         r = start + (along[near] + self._integral(path[near], z)).real

@@ -17,6 +17,7 @@ _REMEMBERED = 6
 # Relative curvature and step length treated as 0, and relative gradient below which changes of the energy are rounding
 # errors. With the root of `ROUNDING` rough curves take 4 % more steps.
 SMALL = 1e-6
+STEPS_TO_ROUNDING = 5  # of Newton's method, from a start with few correct digits
 ROUNDING = 1e-13  # relative rounding error of gradients and energies. With 3e-15 series take more steps
 # Factor by which damping changes: with 2 smooth loops take a third more steps, and with 8 hardly fewer. Least value of
 # damping above 0: with 0.1 narrow loops take a quarter more steps, and with 1e-6 smooth ones 6 % more.

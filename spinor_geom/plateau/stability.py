@@ -22,6 +22,9 @@ from spinor_geom.errors import SingularMatrixError
 from spinor_geom.mesh.operators import cotangent_laplacian, factor_symmetric
 from spinor_geom.surface.array_surface import ArraySurface
 
+# Angle, in radians, up to which normals are equal, and curves and films orthogonal to a plane. The mirror images over
+# the tennis seam a = 0.76 differ by 0.18 along Γ, two solutions for the same disk by 3e-4.
+EQUAL_NORMALS = 0.02
 Curvature: TypeAlias = tuple[float, float]  # ∫|K| dA, and a bound of its error
 # Trial displacements from an unstable surface, in diagonals. Without the four smallest ones the search on the disk
 # keeps the saddle over the tennis seam 0.76. With the largest one alone 4 of 6 searches end at other surfaces.
