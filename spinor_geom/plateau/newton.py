@@ -21,7 +21,7 @@ STEPS_TO_ROUNDING = 5  # of Newton's method, from a start with few correct digit
 ROUNDING = 1e-13  # relative rounding error of gradients and energies. With 3e-15 series take more steps
 # Factor by which damping changes: with 2 smooth loops take a third more steps, and with 8 hardly fewer. Least value of
 # damping above 0: with 0.1 narrow loops take a quarter more steps, and with 1e-6 smooth ones 6 % more.
-_MORE_DAMPING, LEAST_DAMPING = 4.0, 1e-3
+MORE_DAMPING, LEAST_DAMPING = 4.0, 1e-3
 
 E = TypeVar("E", bound="Energies")
 Rows: TypeAlias = Callable[[Float[Array, "b k"]], Float[Array, "b k"]]  # a linear map of rows of displacements
@@ -141,10 +141,10 @@ def stationary(
         lowest = xp.concat([lowest[:, 1:], xp.minimum(lowest[:, -1], here.energy)[:, None]], axis=1)
         stuck = ~moved & (saddles | (damping >= 1))
         more = xp.where(moved, 10 * LEAST_DAMPING, 0.1 + 0 * damping)
-        less = xp.where(damping > LEAST_DAMPING, damping / _MORE_DAMPING, 0.0)
+        less = xp.where(damping > LEAST_DAMPING, damping / MORE_DAMPING, 0.0)
         damping = xp.where(
             ~moved | downwards,
-            xp.clip(xp.maximum(_MORE_DAMPING * damping, more), None, 1.0),
+            xp.clip(xp.maximum(MORE_DAMPING * damping, more), None, 1.0),
             xp.where(lengths == 1, less, damping),
         )
     return found
@@ -195,7 +195,7 @@ def factored(
             return cholesky_solve(factor, -gradient.mT).mT, tried > damping
         if float(tried[0]) > 1 / ROUNDING:
             return xp.full_like(gradient, np.nan), tried > damping
-        tried = xp.clip(_MORE_DAMPING * tried, 10 * LEAST_DAMPING, None)
+        tried = xp.clip(MORE_DAMPING * tried, 10 * LEAST_DAMPING, None)
 
 
 def _full_step(here: E, direction: Float[Array, "b k"]) -> tuple[E, Float[Array, " b"]]:

@@ -75,7 +75,7 @@ def test_area_of_a_plane_region():
 
 def test_a_surface_is_kept_if_steps_end_near_the_solution(monkeypatch):
     # where rims nearly touch, steps may stall there; the residual shows whether the surface is near enough
-    monkeypatch.setattr(cornered_newton, "_MOST_STEPS", 4)
+    monkeypatch.setattr(cornered_newton, "MOST_STEPS", 4)
     assert stationary(plane_roof(), Steps(limit=100)).energy == pytest.approx(400 - 25 * np.pi, rel=1e-4)
 
 

@@ -18,9 +18,9 @@ from spinor_geom.plateau.harmonic.traces import OnCircles
 from spinor_geom.surface.array_surface import ArraySurface, Vector
 from spinor_geom.surface.formulas import null_vector
 
-# Largest turn of ∂Ω between neighbouring vertices. With twice or half of it areas by quadrature are equal to 4e-6.
-# Without a limit that of a rim cut along triangles is off by 6e-3.
-_TURN_OF_AN_EDGE = np.radians(25.0)
+# Largest turn of ∂Ω between neighbouring vertices, in radians. With twice or half of it areas by quadrature are equal
+# to 4e-6. Without a limit that of a rim cut along triangles is off by 6e-3.
+TURN_OF_AN_EDGE = np.radians(20.0)
 
 
 def domain_of(lift: Lift, *boundaries: FourierBoundary) -> PlaneDomain:
@@ -82,7 +82,7 @@ def _with_vertices(boundary: FourierBoundary, most: int) -> FourierBoundary:
     count = len(boundary.vertices)
     while 2 * count <= most:
         at_vertices = np.interp(np.arange(count + 1) / count, np.arange(most + 1) / most, turn)
-        if np.diff(at_vertices).max() <= _TURN_OF_AN_EDGE:
+        if np.diff(at_vertices).max() <= TURN_OF_AN_EDGE:
             break
         count *= 2
     return boundary if count == len(boundary.vertices) else FourierBoundary(boundary.coefficients, count)

@@ -22,10 +22,9 @@ from spinor_geom.errors import SurfaceError
 from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.plateau.harmonic.dirichlet import CirclesForm
 from spinor_geom.plateau.newton import MOST_STEPS, SMALL
-from spinor_geom.plateau.rims.energy import HarmonicSurface, Moduli, RimsProblem
+from spinor_geom.plateau.rims.energy import LARGEST_STEP, HarmonicSurface, Moduli, RimsProblem
 
 _NODES = 64  # of each circle, for `mean_modulus`
-_STEP = 0.5  # largest step of log M. With half or twice of it the same surfaces are found
 
 
 def mean_modulus(domain: CircularDomain) -> float:
@@ -149,7 +148,7 @@ class _OnPath:
 
 def _followed(start: _OnPath, sign: int) -> list[_OnPath]:
     """The points on one side, until the surface degenerates or the nodes do not resolve the gaps between circles."""
-    found, here, step = [], start, _STEP
+    found, here, step = [], start, LARGEST_STEP
     while step >= SMALL:
         require_time()
         there = here.at(here.log_modulus + sign * step)
@@ -161,7 +160,7 @@ def _followed(start: _OnPath, sign: int) -> list[_OnPath]:
         if there.here.falls_apart or not is_resolved:
             break
         found.append(there)
-        here, step = there, min(2 * step, _STEP)
+        here, step = there, min(2 * step, LARGEST_STEP)
     return found
 
 

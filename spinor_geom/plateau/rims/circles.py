@@ -11,12 +11,12 @@ from jaxtyping import Complex, Float, Int
 
 from spinor_geom.arrays import cis
 from spinor_geom.holomorphic.circular_domain import turned, turned_circles
+from spinor_geom.plateau.newton import MOST_STEPS
 from spinor_geom.plateau.rims.sides import CorneredRims, Place, Side, cluster
 
 # Poles between circles that nearly touch: the first distance from a circle, in radii, and the ratio of distances
 _FIRST_DISTANCE, _RATIO = 0.6, 0.75
 _CROWDING = 0.25  # density of nodes and modes at a gap between circles, times its width
-_SPREADING_STEPS = 30  # of the maps to an image whose holes and corners are spread evenly
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -77,7 +77,7 @@ class Circles:
     def spread(self, rim_of_corner: Int[np.ndarray, " c"]) -> tuple[Circles, list[complex]]:
         """A conformal image with `unevenness` 0, and the points for `turned` that lead to it."""
         circles, points = self, []
-        for _ in range(_SPREADING_STEPS):
+        for _ in range(MOST_STEPS):
             points.append(complex(circles._marks(rim_of_corner).mean()) / 2)
             circles = circles.turned(points[-1], rim_of_corner)
         return circles, points

@@ -21,14 +21,13 @@ from jaxtyping import Complex, Float, Int
 from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dpstrf
 
-from spinor_geom.arrays import TINY, cis, unit
+from spinor_geom.arrays import EPS, TINY, cis, unit
 from spinor_geom.holomorphic.circular_domain import turned
 from spinor_geom.plateau.rims.circles import Circles
 from spinor_geom.plateau.rims.sides import CorneredRims, Resolution, Side, slices
 
 _NEAR = 0.05  # share of a side beside a corner, where ∂X/∂n shows the angle of the surface
 _CONTINUED = 1e-2  # least share of a side from which slides are fitted at a corner whose angle was wrong
-_ROUNDED = 1e-8  # shares of a side that are not used when Ω is mapped
 _SMOOTHING = 0.8  # factor of each power in holomorphic fields through the corners, so that low powers prevail
 
 
@@ -360,7 +359,7 @@ class CorneredSurface:
             near, far = ends[0] % (2 * np.pi), -ends[1] % (2 * np.pi)
             shares = np.where(side.shares[0] < 0.5, [near, arc - near], [arc - far, far]) / arc
             # near corners angles are rounding errors, and modes are constant
-            far = shares.min(axis=0) > _ROUNDED
+            far = shares.min(axis=0) > EPS**0.5
             shares, modes = shares[:, far], form.rims.modes[rows, columns][far]
             sums = side.base(shares) + side.modes(shares) @ self.slides[columns]
             if side.corners is None:  # s − u is continuous

@@ -26,29 +26,25 @@ from spinor_geom.holomorphic.arnoldi import arnoldi_hessenberg
 from spinor_geom.holomorphic.cauchy import CauchyNetwork, raw_features
 from spinor_geom.holomorphic.poles import Poles
 from spinor_geom.mesh.curve import BoundaryCurve
+from spinor_geom.mesh.interpolation import ANALYTIC_DEGREE
 from spinor_geom.plateau.curve_tensors import CurveTensors
+from spinor_geom.plateau.harmonic.lifted_surface import TURN_OF_AN_EDGE
 from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.network.discretisation import interpolate_matching, projected
 from spinor_geom.plateau.network.network_problem import nearest_increasing, slide_bounds
+from spinor_geom.plateau.newton import ROUNDING, STEPS_TO_ROUNDING
 from spinor_geom.plateau.rims.cornered import CorneredSurface
-from spinor_geom.plateau.rims.sides import slices
+from spinor_geom.plateau.rims.sides import SAMPLES, slices
 from spinor_geom.plateau.vertices.point_equations import PointEquations
 from spinor_geom.surface.array_surface import PATH_ORDER, ArraySurface
 from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.frames import signs_close_up, spinors_from_phi
 
-_TURN = np.radians(20.0)  # largest turn of an edge of a circle's polygon
-_DEGREE = 14  # of the polynomials of the arcs: to rounding errors for such turns
 _LEAST_EDGES = 6  # of a side
-_SAMPLES = 256  # of a side for the gap
 # Nodes of a panel. Towards corners panels are quartered, and integrals of p² are exact to 1e-11.
 _ORDER = 8
-_DEPENDENT = 1e-14  # least square of a function's part independent of the others, over its own: others are dropped
 _REFINEMENTS = 2  # of solutions of the normal equations, to the accuracy of orthonormal functions
-# Least number of poles in a hole, and the share of powers as high as their number that enter lower ones
-_FEWEST_IN_HOLE, _ALIAS = 20, 1e-8
 _NULL = 0.3  # |φ·φ| / |φ|² below which the sign of p and q is clear
-_CLOSING_STEPS = 4  # of Newton's method for the periods, to rounding errors
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -190,7 +186,7 @@ class CorneredLift:
         """The Cholesky factor of the features that are kept, their numbers, and the sizes of all features."""
         gram = self._weighted @ self.at_nodes
         size = np.sqrt(np.diag(gram).real)
-        factor, order, rank, _ = zpstrf(gram / size / size[:, None], tol=_DEPENDENT, lower=1)
+        factor, order, rank, _ = zpstrf(gram / size / size[:, None], tol=ROUNDING, lower=1)
         return factor[:rank, :rank], order[:rank] - 1, size
 
     def _solved(self, right: Complex[np.ndarray, "f c"]) -> Complex[np.ndarray, "f c"]:
@@ -214,7 +210,7 @@ class CorneredLift:
 
     def _closed(self, readout: Complex[np.ndarray, "f 2"]) -> Complex[np.ndarray, "f 2"]:
         """The coefficients with the least change for which Re ∮ φ dz = 0 around each hole."""
-        for _ in range(_CLOSING_STEPS):
+        for _ in range(STEPS_TO_ROUNDING):
             gaps, rows = [], []
             for own in self.rows[1:]:
                 features, step = self.at_nodes[own], (self.steps * self.squared_root(self.z))[own, None]
@@ -233,10 +229,10 @@ class CorneredLift:
         poles = Poles(positions=positions, scales=scales)
         circles = zip(form.circles.centres[1:], form.circles.radii[1:], form.rims.powers[1:], strict=True)
         for centre, radius, powers in circles:
-            count = max(powers, _FEWEST_IN_HOLE)
-            inside = radius * _ALIAS ** (1 / count)
-            around = centre + inside * cis(2 * np.pi / count * np.arange(count))
-            poles += Poles(positions=around, scales=np.full(count, radius - inside))
+            # EPS**0.5 is the share of powers as high as the number of poles that enter lower ones
+            inside = radius * EPS ** (0.5 / powers)
+            around = centre + inside * cis(2 * np.pi / powers * np.arange(powers))
+            poles += Poles(positions=around, scales=np.full(powers, radius - inside))
         return poles
 
     @cached_property
@@ -264,7 +260,7 @@ class CorneredLift:
                 ]
             )
             at = np.append(np.concatenate(parts), arguments[-1])
-            k = np.arange(_DEGREE, -1, -1)[:, None]
+            k = np.arange(ANALYTIC_DEGREE, -1, -1)[:, None]
             slopes = (2j * np.pi * sign) ** k / [[math.factorial(power)] for power in k.ravel()]
             coefficients = radius * slopes * np.exp(1j * sign * at[:-1])
             coefficients[-1] += centre
@@ -275,10 +271,10 @@ class CorneredLift:
     def _edges(self, rim: int, start: float, end: float) -> Float[np.ndarray, " k"]:
         """Arguments between two on a circle, in steps as long as the gap to the nearest other circle at most."""
         circles = self.surface.form.circles
-        at = np.linspace(start, end, _SAMPLES)
+        at = np.linspace(start, end, SAMPLES)
         z = circles.centres[rim] + circles.radii[rim] * cis(circles.signs[rim] * at)
         gaps = np.abs(np.abs(z - circles.centres[:, None]) - circles.radii[:, None])
-        longest = np.minimum(_TURN, np.delete(gaps, rim, axis=0).min(axis=0) / circles.radii[rim])
+        longest = np.minimum(TURN_OF_AN_EDGE, np.delete(gaps, rim, axis=0).min(axis=0) / circles.radii[rim])
         edges = cumulative_trapezoid(1 / longest, at, initial=0)
         edges *= max(math.ceil(edges[-1]), _LEAST_EDGES) / edges[-1]
         return np.asarray(np.interp(np.arange(round(edges[-1]) + 1), edges, at))

@@ -21,6 +21,7 @@ from spinor_geom.holomorphic.cauchy import sign_changing
 from spinor_geom.holomorphic.circular_domain import CircularDomain, centring, turned
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.curve_tensors import CurveTensors
+from spinor_geom.plateau.harmonic.smooth_domain import COARSE
 from spinor_geom.plateau.network.discretisation import Discretisation, interpolate_matching
 from spinor_geom.plateau.network.network_route import Fitted, NetworkSolver
 from spinor_geom.plateau.problem import PlateauProblem
@@ -28,17 +29,15 @@ from spinor_geom.plateau.rims.capacity_path import mean_modulus
 from spinor_geom.plateau.rims.circles import Circles
 from spinor_geom.plateau.rims.cornered import CorneredSurface, CornerForm
 from spinor_geom.plateau.rims.cornered_lift import CorneredLift, LiftedSurface
-from spinor_geom.plateau.rims.cornered_newton import ROUGHLY, stationary
-from spinor_geom.plateau.rims.sides import COARSE, FINE, ROUGH, CorneredRims, Side
+from spinor_geom.plateau.rims.cornered_newton import stationary
+from spinor_geom.plateau.rims.sides import FINE, ROUGH, SAMPLES, START, CorneredRims, Side
 from spinor_geom.plateau.rims.starts import OrientedSurface
 from spinor_geom.plateau.route_result import FAILURES, RimsResult, RouteResult, typed_failures
 from spinor_geom.plateau.steps import SPENT
 
 _FREQUENCIES = 20, 96  # least and largest number of frequencies of a rim without corners
-_SPECTRUM = 1e-7  # share of the amplitude of Γ above the frequencies of the slide, which has half of them
-_SAMPLES = 256  # of Γ for its spectrum
 # Arcs of Γ, by samples of its tangents: parts that bend that much more than a circle, and turn by more than an angle
-_FINE_SAMPLES, _SHARP, _LEAST_TURN = 4096, 2.5, 0.5
+_SHARP, _LEAST_TURN = 2.5, 0.5
 # Share of the allowed distance to reach if finer corners do. They take as long as all before.
 _WELL_BELOW = 1e-2
 _ANGLES_SHOW = 1e-2  # relative decrease of the energy at which the slides show the angles of the surface at corners
@@ -56,7 +55,7 @@ def solve_with_corners(problem: PlateauProblem, oriented: OrientedSurface) -> Ro
     start = _Start.of(problem, oriented)
     with problem.clock.stage("slides"):
         surface = stationary(start.surface, problem.steps, _ANGLES_SHOW)
-        surface = stationary(surface.refitted(COARSE), problem.steps, ROUGHLY)
+        surface = stationary(surface.refitted(START), problem.steps, COARSE)
         surface = stationary(surface.refitted(ROUGH), problem.steps)
     found, limits = list[LiftedSurface](), ["more poles at the corners do not reduce the residual further"]
     with suppress(SurfaceError):  # the signs of p and q may be unclear near corners of a coarse surface
@@ -198,15 +197,15 @@ def _corners(curve: BoundaryCurve) -> Float[np.ndarray, " c"]:
     """Parameters of a curve's corners. If it has none, of the middles of arcs that look like corners from afar."""
     if curve.corners.any():
         return np.asarray(curve.breaks[:-1][curve.corners])
-    tangents = unit(curve.derivative(np.arange(_FINE_SAMPLES) / _FINE_SAMPLES))
+    tangents = unit(curve.derivative(np.arange(SAMPLES) / SAMPLES))
     turns = norm(np.roll(tangents, -1, axis=0) - tangents)
     first = int(turns.argmin())  # outside of arcs
     turns = np.roll(turns, -first)
-    is_sharp, turned = turns > _SHARP * 2 * np.pi / _FINE_SAMPLES, np.cumsum(turns)
+    is_sharp, turned = turns > _SHARP * 2 * np.pi / SAMPLES, np.cumsum(turns)
     ends = np.flatnonzero(np.diff(is_sharp, prepend=False, append=False)).reshape(-1, 2)
     angles = turned[ends - [0, 1]]
     arcs = np.searchsorted(turned, angles.mean(axis=1)[np.ptp(angles, axis=1) > _LEAST_TURN])
-    return np.sort((first + arcs) / _FINE_SAMPLES % 1)
+    return np.sort((first + arcs) / SAMPLES % 1)
 
 
 def _arguments(
@@ -219,8 +218,8 @@ def _arguments(
 
 def _frequencies(curve: BoundaryCurve) -> int:
     """The number of frequencies for the slide of a curve without corners: twice those of the curve."""
-    spectrum = np.abs(np.fft.rfft(curve.point(np.arange(_SAMPLES) / _SAMPLES), axis=0)).sum(axis=1)[1:]
-    needed = np.flatnonzero(spectrum > _SPECTRUM * spectrum.max()).max() + 1
+    spectrum = np.abs(np.fft.rfft(curve.point(np.arange(SAMPLES) / SAMPLES), axis=0)).sum(axis=1)[1:]
+    needed = np.flatnonzero(spectrum > EPS**0.5 * spectrum.max()).max() + 1
     return int(np.clip(2 * needed, *_FREQUENCIES))
 
 

@@ -42,7 +42,7 @@ DENSE = 512
 
 # Largest step of a log modulus, or of a centre in widths of the gap. Without it Newton's method finds a surface of more
 # area than a 5-noid.
-_LARGEST_STEP = 0.5
+LARGEST_STEP = 0.5
 # Largest spacing of nodes, as a share of the curve; stricter than `CROWDED` for few nodes. With 1 no surface is found
 # between a long rim and a small one near its end.
 _LARGE_PART = 0.5
@@ -264,7 +264,7 @@ class HarmonicSurface:
         """The surface after a step, or this surface with infinite energy if circles would meet."""
         count = self.count
         slides, along = direction[0, :count].reshape(self.slides.shape) / self.speed, direction[0, count:]
-        length = min(length, _LARGEST_STEP / max(float(abs(along).max()), 1e-300))
+        length = min(length, LARGEST_STEP / max(float(abs(along).max()), 1e-300))
         domain = self.domain.moved(length * along)
         if not float(domain.room[1].min()) > 0:
             return replace(self, energy=namespace(self.slides).full_like(self.energy, math.inf))

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from scipy.interpolate import BPoly, PPoly
 from scipy.optimize import brentq
 
-from spinor_geom.arrays import TINY, Array, to_numpy
+from spinor_geom.arrays import EPS, TINY, Array, to_numpy
 from spinor_geom.domain.plane_domain import FourierBoundary
 from spinor_geom.errors import OutOfTimeError, SurfaceError, UnresolvedRimsError
 from spinor_geom.holomorphic.circular_domain import CircularDomain
@@ -36,8 +36,6 @@ from spinor_geom.plateau.vertices.vertex_route import surface_through
 
 _MOST_NODES = 1 << 13  # largest number of nodes on each rim
 _PER_EDGE = 6  # first number of nodes for each edge of rough rims. With 3 solves take 7 % more steps
-# Over rough rims powers below this on other circles are omitted. With `ROUND_OFF` Λ takes four times as long.
-_NEGLIGIBLE_POWER = 1e-8
 # Share of the allowed distance to reach while matrices are factored. With 0.1 surfaces between smooth rims keep 1e-6 of
 # an edge instead of 1e-10, for as much time; with 0 rims of free points do not converge.
 _WELL_BELOW = 1e-3
@@ -263,7 +261,7 @@ class RimsSolver:
         curves = [rims[rim.number].directions[flip] for rim, flip in zip(oriented.rims, oriented.backward, strict=True)]
         return RimsProblem(
             curves=CurveTensors.batch(curves),
-            negligible=_NEGLIGIBLE_POWER if self._is_noisy else ROUND_OFF,
+            negligible=EPS**0.5 if self._is_noisy else ROUND_OFF,
             on_step=partial(self.problem.steps.take, "Douglas-Newton"),
         )
 

@@ -16,9 +16,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from spinor_geom.plateau.curve_tensors import CurveTensors
+from spinor_geom.plateau.newton import ROUNDING
 
 _LEAST_DEPTH = 7.0
-_MARGIN = 1e-13  # least distance of parameters from those of corners, because Γ′ there is that of the next side
 # Nodes far from corners: so many steps for each unit of `Place`, because powers of the coordinate are no functions of
 # log u.
 _FAR = 7.0
@@ -27,7 +27,7 @@ _FAR = 7.0
 _BEYOND, _TAIL = 3.0, 2.8
 # κ of the coordinate tanh(κ log u) of slides, which are smooth in √u: powers of u are half-integers at right angles
 _RATE = 0.25
-_TABLE = 1000  # points of the function that is inverted for the nodes; Newton's method follows
+SAMPLES = 1024  # of a curve, or of a function on a side
 
 
 class Resolution(NamedTuple):
@@ -57,7 +57,7 @@ class Resolution(NamedTuple):
 # The start has few modes: with many, slides far from the solution find values that few poles take for less energy. Near
 # corners with angles above 180° its slides are flat, because there the energy hardly depends on them. Afterwards, the
 # boundary is within 5e-5 of a side at corners of 90°, and within 5e-6.
-COARSE, ROUGH, FINE = (
+START, ROUGH, FINE = (
     Resolution(depth=11.0, degree=6, decay=5.0, rate=0.5, step=0.4),
     Resolution(depth=20.0, degree=20, decay=5.0, rate=_RATE, step=0.4),
     Resolution(depth=25.0, degree=28, decay=4.0, rate=_RATE, step=0.3),
@@ -188,7 +188,8 @@ class Side:
             return np.stack([sums, np.ones_like(sums), np.zeros_like(sums)])
         share, rest = (1 / (1 + np.exp(-sign * sums)) for sign in (1, -1))
         slope = self.length * share * rest
-        inside = np.clip(self.length * share, _MARGIN, self.length - _MARGIN)
+        # away from the corners, because Γ′ there is that of the next side
+        inside = np.clip(self.length * share, ROUNDING, self.length - ROUNDING)
         return np.stack([self.start + inside, slope, slope * (rest - share)])
 
 
@@ -218,7 +219,7 @@ def _nodes(
         shares = 1 / (1 + np.exp(np.stack([-logit, logit])))
         return shares, shares[0] * shares[1] * (1 + ends.sum(axis=0))
 
-    table = np.linspace(-depths[0] - _TAIL, depths[1] + _TAIL, _TABLE)
+    table = np.linspace(-depths[0] - _TAIL, depths[1] + _TAIL, SAMPLES)
     steps = (table + _FAR * place(at(table)[0])[0]) / step
     wanted = np.linspace(steps[0], steps[-1], math.ceil(steps[-1] - steps[0]) + 1)
     x = np.interp(wanted, steps, table)
@@ -249,7 +250,7 @@ class CorneredRims:
         corners: Sequence[Float[np.ndarray, " _"]],
         exponents: Sequence[Float[np.ndarray, " _"]],
         frequencies: Sequence[int],
-        resolution: Resolution = COARSE,
+        resolution: Resolution = START,
     ) -> CorneredRims:
         """The rims with the ascending parameters of their corners, and the surface's angles there over π.
 
