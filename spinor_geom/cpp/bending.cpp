@@ -14,7 +14,7 @@
 
 namespace {
 
-using plane::Point3;
+using geometry::Point3;
 
 constexpr double kSmallest = std::numeric_limits<double>::min();
 // Least excess of two sides of a mollified triangle over the third, per longest side: it bounds the cotangents.

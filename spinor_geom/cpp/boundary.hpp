@@ -12,7 +12,7 @@
 #include "entry.hpp"
 #include "size_field.hpp"
 
-namespace plane {
+namespace geometry {
 
 // a boundary edge subtends at most 110 degrees at new points. 90 would leave no room beside short edges next to long ones
 const double kWidestView = std::cos((180 - 110) * kPi / 180);
@@ -135,4 +135,4 @@ private:
     std::vector<int64_t> first_, filled_, edges_;
 };
 
-}  // namespace plane
+}  // namespace geometry

@@ -47,7 +47,7 @@ ENTRY_POINT int minimum_area_splits(int64_t n, const double* points, double weig
 // [i, k, j]. `least` is the sum of charges, and then the least cosine.
 ENTRY_POINT int flattest_splits(int64_t n, const double* points, const double* around, const double* limits,
                                 const int32_t* charges, int64_t* split, double* least) {
-    using plane::Point3;
+    using geometry::Point3;
     constexpr double kOverCosines = 4;  // more than the difference of two cosines
     struct Chord {
         Point3 normal;  // of the triangle on the chord
@@ -70,7 +70,7 @@ ENTRY_POINT int flattest_splits(int64_t n, const double* points, const double* a
                     const double limit = std::min({limits[n * i + j], a.cosine, b.cosine});
                     if (l > 1 && limit - kOverCosines * charge < most) continue;
                     Point3 normal = cross(point(points, i + l) - start, chord);
-                    const double area = length(normal), size = std::max(area, plane::kTiny);
+                    const double area = length(normal), size = std::max(area, geometry::kTiny);
                     normal = {normal.x / size, normal.y / size, normal.z / size};
                     // the minimum with NaN is the other number
                     double cosine = std::fmin(std::fmin(limit, dot(normal, a.normal)), dot(normal, b.normal));

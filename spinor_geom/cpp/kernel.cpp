@@ -12,7 +12,7 @@
 #include "size_field.hpp"
 #include "space_mesh.hpp"
 
-using namespace plane;
+using namespace geometry;
 
 // Which sources this file was compiled from (see `load` of kernel.py).
 ENTRY_POINT uint32_t sources_digest() { return SOURCES_DIGEST; }

@@ -16,7 +16,7 @@
 #include "entry.hpp"
 #include "triangles.hpp"
 
-namespace plane {
+namespace geometry {
 
 // a triangle is too large when its circumradius exceeds this times the wanted edge length (equilateral: 1.3 edges)
 inline constexpr double kLargestRadius = 0.75;
@@ -96,8 +96,8 @@ public:
             std::vector<Bridge> bridges;
             for (int t = 0; t < static_cast<int>(triangles_.size()); ++t)
                 for (int k = 0; k < 3; ++k) {
-                    const auto [triangle, across] = std::pair(triangles_[t], triangles_[t].across[k]);
-                    const int a = triangle.vertex[k], b = triangle.vertex[(k + 1) % 3];
+                    const Triangle& triangle = triangles_[t];
+                    const int a = triangle.vertex[k], b = triangle.vertex[(k + 1) % 3], across = triangle.across[k];
                     if (across < t || a >= m_ || b >= m_) continue;
                     // an ear cuts off a single convex vertex: it is split sooner, and its point lies farther inside
                     const int here = triangle.vertex[(k + 2) % 3], there = opposite(across, t);
@@ -117,6 +117,7 @@ public:
             const int before = n_;
             for (const Bridge& bridge : bridges) {
                 if (limit_.is_over()) return;
+                // the output has room for as many points beside bridges as the boundary has
                 if (n_ == m_ + output_.most_points + m_ || boundary_.too_near(bridge.place)) continue;
                 const int t = containing(bridge.place, bridge.triangle);
                 if (t >= 0) insert(bridge.place, t, 0.4 * bridge.length);
@@ -416,4 +417,4 @@ private:
     std::priority_queue<Poor> queue_;
 };
 
-}  // namespace plane
+}  // namespace geometry

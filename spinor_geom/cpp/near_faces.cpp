@@ -12,7 +12,7 @@
 
 namespace {
 
-using namespace plane;
+using namespace geometry;
 
 using Corners = std::array<Point3, 3>;
 

@@ -10,7 +10,7 @@
 
 namespace {
 
-using namespace plane;
+using namespace geometry;
 
 constexpr double kParallel = 1e-7;  // rounding of distances of nearly parallel segments, per length
 constexpr double kSlack = 1e-12;    // of distances of points, per length

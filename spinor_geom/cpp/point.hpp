@@ -8,7 +8,7 @@
 #include <limits>
 #include <stdexcept>
 
-namespace plane {
+namespace geometry {
 
 inline constexpr double kInfinity = std::numeric_limits<double>::infinity();
 inline constexpr double kTiny = 1e-290;
@@ -83,4 +83,4 @@ inline double roundness(Point a, Point b, Point c) {
     return 2 * std::sqrt(3.0) * cross(u, v) / (dot(u, u) + dot(v, v) + dot(w, w));
 }
 
-}  // namespace plane
+}  // namespace geometry

@@ -9,7 +9,7 @@
 
 #include "boundary.hpp"
 
-namespace plane {
+namespace geometry {
 
 inline constexpr double kRoomAtBoundary = 2;  // least distance of lattice points from boundary vertices, in lattice spacings
 inline constexpr int kSizeSamples = 100;  // points at which the largest wanted size is searched
@@ -71,4 +71,4 @@ inline std::vector<Point> tips_and_seeds(
     return kept;
 }
 
-}  // namespace plane
+}  // namespace geometry

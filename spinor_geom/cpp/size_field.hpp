@@ -10,7 +10,7 @@
 
 #include "tree.hpp"
 
-namespace plane {
+namespace geometry {
 
 // What Python passes (see `SizeField` and `triangulate_polygon` there).
 template <class P>
@@ -120,4 +120,4 @@ private:
 };
 using SizeField = SizeFieldOf<Point>;
 
-}  // namespace plane
+}  // namespace geometry

@@ -18,7 +18,7 @@
 
 namespace space {
 
-using namespace plane;
+using namespace geometry;
 
 inline constexpr double kShortest = 0.6, kLongest = 4.0 / 3;  // edges, in wanted lengths
 const double kThin = 10 * kPi / 180, kGood = std::asin(kLeastSine);

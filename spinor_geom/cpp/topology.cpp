@@ -14,7 +14,7 @@
 
 namespace {
 
-using namespace plane;
+using namespace geometry;
 
 const double kDegree = kPi / 180;
 

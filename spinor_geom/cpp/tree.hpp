@@ -12,7 +12,7 @@
 #include "entry.hpp"
 #include "point.hpp"
 
-namespace plane {
+namespace geometry {
 
 // Search tree of points, each with a radius.
 template <class P>
@@ -186,8 +186,8 @@ struct Box {
     Point3 low{kInfinity, kInfinity, kInfinity}, high{-kInfinity, -kInfinity, -kInfinity};
 
     Box() = default;
-    Box(Point3 a, Point3 b) : low(plane::low(a, b)), high(plane::high(a, b)) {}
-    Box(const Box& a, const Box& b) : low(plane::low(a.low, b.low)), high(plane::high(a.high, b.high)) {}
+    Box(Point3 a, Point3 b) : low(geometry::low(a, b)), high(geometry::high(a, b)) {}
+    Box(const Box& a, const Box& b) : low(geometry::low(a.low, b.low)), high(geometry::high(a.high, b.high)) {}
 
     bool meets(const Box& other) const {
         return low.x <= other.high.x && other.low.x <= high.x && low.y <= other.high.y && other.low.y <= high.y &&
@@ -243,4 +243,4 @@ private:
     std::vector<size_t> stack_;
 };
 
-}  // namespace plane
+}  // namespace geometry

@@ -10,7 +10,7 @@
 
 #include "point.hpp"
 
-namespace plane {
+namespace geometry {
 
 // triangles without smaller angles than 25 degrees are kept. Above 30 the number of points grows quickly
 const double kLeastSine = std::sin(25.0 * kPi / 180);
@@ -33,16 +33,16 @@ protected:
                 edges.push_back({std::min(a, b), std::max(a, b), t, k});
             }
         std::sort(edges.begin(), edges.end());
-        for (size_t e = 0; e + 1 < edges.size(); ++e)
-            if (edges[e][0] == edges[e + 1][0] && edges[e][1] == edges[e + 1][1]) {
-                const int t = edges[e][2], other = edges[e + 1][2];
-                const bool is_same_way =
-                    triangles_[t].vertex[edges[e][3]] == triangles_[other].vertex[edges[e + 1][3]];
-                const bool is_third = triangles_[t].across[edges[e][3]] >= 0;
-                if (t == other || is_same_way || is_third) throw std::invalid_argument("triangles overlap");
-                triangles_[edges[e][2]].across[edges[e][3]] = edges[e + 1][2];
-                triangles_[edges[e + 1][2]].across[edges[e + 1][3]] = edges[e][2];
-            }
+        for (size_t e = 0; e + 1 < edges.size(); ++e) {
+            const auto [a, b, t, k] = edges[e];
+            const auto [c, d, other, j] = edges[e + 1];
+            if (a != c || b != d) continue;
+            Triangle &one = triangles_[t], &two = triangles_[other];
+            const bool is_same_way = one.vertex[k] == two.vertex[j], is_third = one.across[k] >= 0;
+            if (t == other || is_same_way || is_third) throw std::invalid_argument("triangles overlap");
+            one.across[k] = other;
+            two.across[j] = t;
+        }
     }
 
     int opposite(int triangle, int other) const {
@@ -83,4 +83,4 @@ protected:
     std::vector<Triangle> triangles_;
 };
 
-}  // namespace plane
+}  // namespace geometry
