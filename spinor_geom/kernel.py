@@ -40,16 +40,8 @@ FUNCTIONS: dict[str, tuple[Any, ...]] = {
     ),
     "sort_by_cells": (_NUMBERS, _INTEGER, _INDICES, _INTEGER, _INDICES, _INDICES, _NUMBERS, _INDICES),
     "faces_in_box": (
-        _NUMBERS,
-        _INTEGER,
-        _INDICES,
-        _INDICES,
-        _INTEGER,
-        _INDICES,
-        _NUMBERS,
-        _NUMBERS,
-        _INDICES,
-        _INDICES,
+        *(_NUMBERS, _INTEGER, _INDICES, _INDICES, _INTEGER),
+        *(_INDICES, _NUMBERS, _NUMBERS, _INDICES, _INDICES),
     ),
     "remesh": (
         *(_INTEGER, _NUMBERS, _INDICES, _NUMBER, _NUMBER, _INTEGER, _NUMBERS, _NUMBERS, _INTEGER),  # a RegionOf<Point3>

@@ -23,7 +23,7 @@ from spinor_geom.adapters.off import encode_off, read_off
 from spinor_geom.adapters.ply import encode_ply, names_in_ply, read_ply
 from spinor_geom.adapters.polygon_faces import Polygons, close_seams
 from spinor_geom.adapters.stl import encode_stl, read_stl, stored_in_stl
-from spinor_geom.adapters.textures import Appearance, Companions, Texture, Textured
+from spinor_geom.adapters.textures import Appearance, Companions, Texture, Textured, write_beside
 from spinor_geom.adapters.threemf import encode_3mf, read_3mf
 from spinor_geom.adapters.vertex_data import append_attributes
 from spinor_geom.errors import MeshError, MeshFileError, NonFiniteVertexError, PrecisionError, require, require_type
@@ -136,10 +136,8 @@ class MeshFile(Shown):
 
         Of each group the vertex of lowest index is kept, with its attributes. Corners of polygons that are equal to the
         one before are removed, and so are polygons of fewer than three corners. `notes` has their numbers. Curves do
-        not change. Materials and other data outside `contents` are not written.
-
-        Args:
-            within: the largest distance of merged vertices, as for `TriangleMesh.merged`.
+        not change. Materials and other data outside `contents` are not written. `within` is the largest distance of
+        merged vertices, as for `TriangleMesh.merged`.
         """
         mesh, new_index = TriangleMesh(
             self.contents.vertices,
@@ -183,9 +181,7 @@ class MeshFile(Shown):
         return MeshFile.of_contents(contents, path=self.path, read_sizes=self.read_sizes)
 
     def write(self, path: str | os.PathLike[str]) -> tuple[str, ...]:
-        """Writes the file in the format of the suffix of `path`.
-
-        After an error an old file of that name is unchanged.
+        """Writes the file in the format of the suffix of `path`. After an error an old file of that name is unchanged.
 
         Returns:
             A sentence for each attribute that the format cannot hold, and for positions that are stored otherwise.
@@ -215,7 +211,7 @@ class MeshFile(Shown):
                 with atomic_path(target) as temporary:
                     temporary.write_bytes(data)
                 for name, content in files.items():
-                    notes += _write_beside(target.parent, name, content)
+                    notes += write_beside(target.parent, name, content)
         except OSError as error:
             raise MeshFileError(f"{target}: cannot be written ({error}); check the folder", path=target) from error
         return tuple(f"{target}: {note}" for note in notes)
@@ -258,9 +254,8 @@ class MeshFile(Shown):
         if texture is None:
             if not named.colours and not appearance.has_several:
                 return None
-            raise MeshFileError(
-                "; ".join(named.notes) or "only a single texture can be shown; join the images into one"
-            )
+            problem = "; ".join(named.notes)
+            raise MeshFileError(problem or "only a single texture can be shown; join the images into one")
         triangles, _ = contents.polygons.triangulated(contents.vertices)
         _, kept = close_seams(triangles, contents.representatives)
         return texture.pixels(largest), contents.attributes["uv"][triangles[kept], :2]
@@ -323,11 +318,8 @@ class MeshFile(Shown):
         with np.errstate(over="ignore"):
             may_be_single = np.array_equal(old.astype(np.float32), old, equal_nan=True)
         # only then may the file's own numbers, if they are no text, be too short for the new vertices
-        if (
-            self.contents.stored
-            and may_be_single
-            and not is_held_in_single_precision(self.contents, self.contents.vertices)
-        ):
+        is_short = self.contents.stored and may_be_single
+        if is_short and not is_held_in_single_precision(self.contents, self.contents.vertices):
             held, wanted = (
                 len(np.unique(coincident_vertices(file.vertices)[file.polygons.corners]))
                 for file in (FORMATS[suffix].read(data), self.contents)
@@ -335,22 +327,6 @@ class MeshFile(Shown):
             if held < wanted:
                 raise PrecisionError(suffix=suffix)
         return data
-
-
-def _write_beside(folder: Path, name: str, content: bytes) -> list[str]:
-    """Writes a file that a mesh refers to, unless there is another one, which a sentence tells."""
-    real = Path(os.path.realpath(folder))
-    place = real.joinpath(*PurePosixPath(name).parts)
-    if Path(os.path.realpath(place)) != place:
-        return [f"{name} was not copied: a link beside the output leads elsewhere"]
-    if place.exists():
-        if place.is_file() and place.stat().st_size == len(content) and place.read_bytes() == content:
-            return []
-        return [f"{name} was not copied: another file of this name is beside the output"]
-    place.parent.mkdir(parents=True, exist_ok=True)
-    with atomic_path(place) as temporary:
-        temporary.write_bytes(content)
-    return []
 
 
 def encoded(contents: FileContents, suffix: str) -> bytes:

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from spinor_geom.errors import MeshFileError, require
-from spinor_geom.files import safe_name
+from spinor_geom.files import atomic_path, safe_name
 
 if TYPE_CHECKING:
     import PIL.Image
@@ -202,3 +202,19 @@ def _read(folder: Path, name: str, suffixes: tuple[str, ...], most: int) -> byte
             return file.read(most)
     except OSError as error:
         raise _RefusedError(f"it cannot be read ({error.strerror})") from error
+
+
+def write_beside(folder: Path, name: str, content: bytes) -> list[str]:
+    """Writes a file that a mesh refers to, unless there is another one, which a sentence tells."""
+    real = Path(os.path.realpath(folder))
+    place = real.joinpath(*PurePosixPath(name).parts)
+    if Path(os.path.realpath(place)) != place:
+        return [f"{name} was not copied: a link beside the output leads elsewhere"]
+    if place.exists():
+        if place.is_file() and place.stat().st_size == len(content) and place.read_bytes() == content:
+            return []
+        return [f"{name} was not copied: another file of this name is beside the output"]
+    place.parent.mkdir(parents=True, exist_ok=True)
+    with atomic_path(place) as temporary:
+        temporary.write_bytes(content)
+    return []

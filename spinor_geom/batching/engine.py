@@ -7,7 +7,7 @@ import os
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -18,7 +18,7 @@ from spinor_geom.batching.inputs import Inputs, Source, listed
 from spinor_geom.batching.settings import BatchOptions, Limits, What
 from spinor_geom.batching.store import Store, log_line, opened_store
 from spinor_geom.batching.workers import Workers, open_workers, run_block
-from spinor_geom.errors import BatchError, OptionError, require, require_positive
+from spinor_geom.errors import BatchError, OptionError, require, require_count, require_positive
 from spinor_geom.fill.fill_options import TIME_LIMIT, Bridge, ContinuityName, Islands
 
 if TYPE_CHECKING:
@@ -165,36 +165,17 @@ def batch(
         MissingPackageError: for a cluster the packages of the extra `cluster` are not installed, or for pictures those
             of `render`.
     """
+    given = locals()  # each field of the options is an argument
     if scheduler is not None:
         require("distributed", extra="cluster")
     if pictures:
         require("pyvista", extra="render")
-    options = BatchOptions(
-        what=what,
-        format=format,
-        loop=loop,
-        bridge=bridge,
-        islands=islands,
-        continuity=continuity,
-        merge=merge,
-        keep_largest=keep_largest,
-        max_perimeter=max_perimeter,
-        edge_length=edge_length,
-        tolerance=tolerance,
-        time_limit=time_limit,
-        strict=strict,
-        closing=closing,
-        compare=compare,
-        pictures=pictures,
-        device=device,
-    )
+    options = BatchOptions(**{field.name: given[field.name] for field in fields(BatchOptions)})
     require_positive("memory_limit", memory_limit)
-    if retries < 0:
-        raise OptionError(f"retries must be at least 0, not {retries}")
+    require_count(0, retries=retries)
+    require_count(workers=1 if workers is None else workers)
     if scheduler is not None and workers is not None:
         raise OptionError("a cluster has its own number of workers; give either workers or scheduler")
-    if workers is not None and workers < 1:
-        raise OptionError(f"workers must be at least 1, not {workers}")
     limits = Limits(seconds=SILENCE + STAGES * float(time_limit), memory=int(memory_limit), retries=retries)
     sources = Inputs([inputs] if isinstance(inputs, (str, os.PathLike)) else inputs, output=output, limits=limits)
     with opened_store(output, options, resume=resume) as store, TemporaryFile("w+", encoding="ascii") as file:

@@ -4,7 +4,6 @@ import itertools
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from functools import cache
-from typing import Any, Literal
 
 import numpy as np
 import trimesh
@@ -15,8 +14,6 @@ from spinor_geom.bench.cut_outs import TUBE, cylinder
 from spinor_geom.bench.holes import Hole, all_rims, collar, cut_hole, lattice, sphere
 from spinor_geom.bench.odd_holes import moebius_and_lips, nothing_missing
 from spinor_geom.mesh.topology import face_components
-
-Rim = Literal["ragged", "smooth"]
 
 BALLS = ("icosphere-3", "icosphere-4", "uv-sphere-24", "uv-sphere-32")
 NOISES = (0.0, 0.002, 0.005, 0.01, 0.02)  # standard deviations of the vertices' displacements, per radius
@@ -34,15 +31,15 @@ def reported_holes() -> Mapping[str, Hole]:
     return {h.name: h for h in (*reported_bowls(), *reported_tubes(), *nothing_missing(), *moebius_and_lips())}
 
 
-def reported_bowls(count: int = 60, *, rim: Rim = "ragged") -> Iterator[Hole]:
-    """Bowls with openings of 45° to 85°, all spheres and noises in turn. Seeds do not depend on the kind of rim."""
-    return (reported_bowl(k, count, rim=rim) for k in range(count))
+def reported_bowls(count: int = 60) -> Iterator[Hole]:
+    """Bowls with openings of 45° to 85°, all spheres and noises in turn."""
+    return (reported_bowl(k, count) for k in range(count))
 
 
-def reported_bowl(number: int, count: int = 60, *, rim: Rim = "ragged") -> Hole:
+def reported_bowl(number: int, count: int = 60) -> Hole:
     """One of them."""
     opening = float(np.linspace(45.0, 85.0, count)[number])
-    return bowl(opening, BALLS[number % len(BALLS)], rim=rim, noise=NOISES[number % len(NOISES)], seed=number)
+    return bowl(opening, BALLS[number % len(BALLS)], noise=NOISES[number % len(NOISES)], seed=number)
 
 
 def reported_tubes(count: int = 20) -> Iterator[Hole]:
@@ -51,27 +48,19 @@ def reported_tubes(count: int = 20) -> Iterator[Hole]:
         yield cut_tube(tilt, (16, 24, 32, 48)[k % 4], noise=NOISES[k % len(NOISES)], seed=k)
 
 
-def bowl(opening: float, ball: str = "icosphere-4", *, rim: Rim = "ragged", noise: float = 0.0, seed: int = 0) -> Hole:
+def bowl(opening: float, ball: str = "icosphere-4", *, noise: float = 0.0, seed: int = 0) -> Hole:
     """The part of a unit sphere within an angle, in degrees, of its lowest point. A flat lid meets it at that angle.
 
-    The sphere is rotated at random. A ragged rim consists of edges of the sphere's triangles, a smooth one cuts
-    triangles. `noise` is the standard deviation of the vertices' displacements, per radius.
+    The sphere is rotated at random. The rim consists of edges of its triangles. `noise` is the standard deviation of
+    the vertices' displacements, per radius.
     """
     rng = np.random.default_rng(seed)
     mesh = sphere(ball)
     points, faces = _turned(np.array(mesh.vertices), rng), np.array(mesh.faces)
     height = -np.cos(np.radians(opening))
-    if rim == "smooth":
-        slice_faces: Any = trimesh.intersections.slice_faces_plane
-        below, level = np.array([0.0, 0.0, -1.0]), np.array([0.0, 0.0, height])
-        points, faces, _ = slice_faces(points, faces, plane_normal=below, plane_origin=level)
-        # the cut mesh has a copy of each point for each of its faces
-        _, first, same = np.unique(points.round(9), axis=0, return_index=True, return_inverse=True)
-        points, faces = points[first], same.reshape(-1)[faces]
-    else:
-        centroids = points[faces].mean(axis=1)
-        faces = faces[centroids[:, 2] < height * np.linalg.norm(centroids, axis=1)]
-    return _reported(f"bowl-{opening:.0f}-{ball}-{rim}", points, faces, noise, seed, rng)
+    centroids = points[faces].mean(axis=1)
+    faces = faces[centroids[:, 2] < height * np.linalg.norm(centroids, axis=1)]
+    return _reported(f"bowl-{opening:.0f}-{ball}-ragged", points, faces, noise, seed, rng)
 
 
 def cut_tube(tilt: float, around: int = 32, *, noise: float = 0.0, seed: int = 0) -> Hole:

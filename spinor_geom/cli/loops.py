@@ -68,13 +68,7 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
         listed = [_json(index, loop) | {"border": index in borders} for index, loop in enumerate(loops)]
         show_lines(json.dumps(listed, indent=2), piped=True)
     elif loops:
-        show_table(
-            COLUMNS,
-            rows,
-            piped=True,
-            optional=_OPTIONAL,
-            wrapped=COLUMNS[-1],
-        )
+        show_table(COLUMNS, rows, piped=True, optional=_OPTIONAL, wrapped=COLUMNS[-1])
     else:
         show_lines("\n".join(["no boundary loops", *notes]), piped=True)
     for note in notes if loops or arguments.json else ():

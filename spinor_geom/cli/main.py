@@ -189,6 +189,9 @@ _DECIMAL = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?|nan|-?inf", re.IGNORE
 _FORMATS = ", ".join(suffix[1:] for suffix in MESH_SUFFIXES)
 _FLAG: dict[str, Any] = {"action": "store_true"}
 _LENGTH: dict[str, Any] = {"metavar": "LENGTH", "type": _positive}
+_CLOSING: dict[str, Any] = {"metavar": "T", "type": _from_zero, "default": CLOSING} | {
+    "help": "close curves with a gap of at most T mean edge lengths (default: %(default)s)"
+}
 _SECONDS: dict[str, Any] = {"metavar": "S", "type": _positive}
 _COUNT: dict[str, Any] = {"metavar": "N", "type": _checked(int, "a whole number of at least 1", lambda n: n > 0)}
 _NAMES: dict[str, Any] = {"metavar": "NAME[,NAME…]", "type": lambda text: tuple(filter(None, text.split(",")))}
@@ -196,6 +199,9 @@ _SIZE: dict[str, Any] = {"metavar": "SIZE", "type": _checked(_bytes, "a size suc
 _merge_distance = _checked(
     lambda text: text == _ROUNDING or float(text), "a number of at least 0", lambda within: 0 <= within < math.inf
 )
+_MERGING: dict[str, Any] = {"metavar": "TOL", "nargs": "?", "default": False, "type": _merge_distance} | {
+    "help": "first merge vertices at most TOL apart (mesh units); without TOL, those equal up to rounding (STL: always)"
+}
 _loops = _checked(
     lambda text: [number for part in text.split(",") for number in _range(part)],
     "a list of numbers such as 0,2,5-8 or 0 2; loops are numbered from 0",
@@ -273,17 +279,7 @@ def _add_filling(parser: argparse.ArgumentParser) -> None:
 
 def _add_input(add: Callable[..., Any]) -> None:
     add("input", **_path("IN"), help=f"mesh file: {_FORMATS}")
-    _add_merge(add)
-
-
-def _add_merge(add: Callable[..., Any]) -> None:
-    near = "first merge vertices at most TOL apart (mesh units); without TOL, vertices equal up to rounding"
-    add(_MERGE, metavar="TOL", nargs="?", default=False, type=_merge_distance, help=f"{near} (STL: always)")
-
-
-def _add_closing(add: Callable[..., Any]) -> None:
-    near = "close curves with a gap of at most T mean edge lengths (default: %(default)s)"
-    add("--closing", metavar="T", type=_from_zero, default=CLOSING, help=near)
+    add(_MERGE, **_MERGING)
 
 
 def _add_solve(commands: _Commands) -> None:
@@ -297,7 +293,7 @@ def _add_solve(commands: _Commands) -> None:
     add("input", **_path("CURVE"), help=f"{edges}, OBJ file of closed curves, or a mesh whose rims are spanned")
     only = "only these boundary loops of a mesh (indices from 'spinor-geom loops') or curves (CAD files: longest first)"
     add("--loop", **_LOOP, help=f"{only}; several bound one surface (default: all curves, or the only loop of a mesh)")
-    _add_closing(add)
+    add("--closing", **_CLOSING)
     _add_film(add, "mean edges (default: 1e-3, CAD edges: 1e-6)", TIME_LIMIT)
 
 
@@ -399,12 +395,12 @@ def _add_batch(commands: _Commands) -> None:
     what = "fill: patches and filled meshes; surface: patches and spinor surfaces; loops: boundary loops only"
     add("--what", choices=WHAT, default="fill", help=f"{what} (default: %(default)s)")
     add("--format", choices=FORMAT, help="format of the meshes (default: that of each input)")
-    _add_merge(add)
+    add(_MERGE, **_MERGING)
     _add_filling(batch)
     add("--pictures", **_FLAG, help="draw each filled mesh, and write a page with a scene to turn (extra 'render')")
     add("--workers", **_COUNT, help="number of worker processes (default: one per core)")
     add("--scheduler", metavar="ADDRESS", help="Dask scheduler to use instead, such as tcp://host:8786")
-    _add_closing(add)
+    add("--closing", **_CLOSING)
     add("--device", help="torch device of the batched linear algebra, such as cuda (default: the CPU, without torch)")
     add("--resume", **_FLAG, help="continue the run in OUT with the files that are not complete")
     add("--memory-limit", **_SIZE, default=4 << 30, help="memory of each worker process, such as 512M (default: 4G)")
@@ -438,7 +434,7 @@ def _add_pictures(commands: _Commands) -> None:
     for parser in (view, render):
         add = parser.add_argument
         add("input", **_path("IN"), help=f"mesh file ({_FORMATS}), CAD file, or saved surface (.safetensors)")
-        _add_merge(add)
+        add(_MERGE, **_MERGING)
         add("--curvature", **_FLAG, help="colour by Gauss curvature (surface) or absolute mean curvature (mesh)")
         upwards = "vertical axis (default: z for STL, 3MF, CAD files and saved surfaces, y for other mesh files)"
         add("--up", choices=("y", "z"), help=upwards)

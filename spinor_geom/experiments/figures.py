@@ -29,11 +29,7 @@ HolomorphicFunction = Callable[[Complex[np.ndarray, " n"]], Complex[np.ndarray, 
 
 
 def log_log(
-    lines: Mapping[str, tuple[ArrayLike, ArrayLike]],
-    *,
-    x: str,
-    y: str,
-    slopes: Mapping[str, int] | None = None,
+    lines: Mapping[str, tuple[ArrayLike, ArrayLike]], *, x: str, y: str, slopes: Mapping[str, int] | None = None
 ) -> Figure:
     """Lines (x, y) by label over a logarithmic y axis.
 

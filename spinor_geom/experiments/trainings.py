@@ -12,12 +12,7 @@ from scipy.optimize import least_squares
 
 from spinor_geom.experiments.experiment import Experiment, Outcome
 from spinor_geom.experiments.figures import HolomorphicFunction, log_log, over_disk, phases, surfaces
-from spinor_geom.experiments.paper_surfaces import (
-    boundary_of,
-    perturbed_series,
-    random_networks,
-    solved_by_network,
-)
+from spinor_geom.experiments.paper_surfaces import boundary_of, perturbed_series, random_networks, solved_by_network
 from spinor_geom.gallery import twisted_circle
 from spinor_geom.mesh.boundary_loop import diagonals
 from spinor_geom.mesh.curve import BoundaryCurve

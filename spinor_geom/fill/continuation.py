@@ -17,14 +17,7 @@ from spinor_geom.domain.delaunay import rim_successors
 from spinor_geom.domain.sizes import GRADED, EdgeLengths
 from spinor_geom.errors import SpinorGeomError
 from spinor_geom.fill.collar import Bend, Collar, bend_inside
-from spinor_geom.fill.fairing import (
-    SMALLEST_ANGLE,
-    Faired,
-    Order,
-    approached,
-    minimised_curvature,
-    thin_plate,
-)
+from spinor_geom.fill.fairing import SMALLEST_ANGLE, Faired, Order, approached, minimised_curvature, thin_plate
 from spinor_geom.mesh.operators import radii_of_curvature, side_lengths, vertex_angles
 from spinor_geom.meshing.embed import Patch, over_domain_of_angles
 from spinor_geom.meshing.remeshing import remesh

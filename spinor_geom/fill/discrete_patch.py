@@ -5,12 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from spinor_geom.discrete.first_fill import disk_without_inner_points
-from spinor_geom.discrete.minimal_surface import (
-    DiscreteMinimalSurface,
-    graded_surface,
-    on_circle,
-    surface_over_plane,
-)
+from spinor_geom.discrete.minimal_surface import DiscreteMinimalSurface, graded_surface, on_circle, surface_over_plane
 from spinor_geom.domain.sizes import GRADED
 from spinor_geom.domain.triangulation import PlaneTriangulation
 from spinor_geom.errors import SpinorGeomError, SurfaceError

@@ -9,12 +9,7 @@ from scipy.spatial import cKDTree
 
 from spinor_geom.adapters.contents import FileContents
 from spinor_geom.adapters.polygon_faces import chained
-from spinor_geom.errors import (
-    LoopTooShortError,
-    NonFiniteVertexError,
-    OpenCurveError,
-    SpinorGeomError,
-)
+from spinor_geom.errors import LoopTooShortError, NonFiniteVertexError, OpenCurveError, SpinorGeomError
 from spinor_geom.fill.no_holes import require_area
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners
 from spinor_geom.mesh.intersections import require_simple

@@ -11,6 +11,7 @@ from scipy.special import comb
 
 from spinor_geom.arrays import TINY, Array, complex_of, is_numpy
 from spinor_geom.domain.delaunay import plane_coordinates
+from spinor_geom.holomorphic.series import power_table
 
 # Two clusters are far apart if the sum of their radii is at most _APART times their distance. Then _TERMS terms
 # of a series are accurate to 1e-12.
@@ -223,14 +224,7 @@ def _horner(
 
 
 def _powers(x: Complex[np.ndarray, " p"]) -> Complex[np.ndarray, "p k"]:
-    table = np.ones((len(x), _TERMS), dtype=np.complex128)
-    table[:, 1] = x
-    last = 1
-    while last < _TERMS - 1:  # products of columns are several times faster than np.multiply.accumulate
-        end = min(2 * last, _TERMS - 1)
-        np.multiply(table[:, 1 : end - last + 1], table[:, last, None], out=table[:, last + 1 : end + 1])
-        last = end
-    return table
+    return np.asarray(power_table(x, _TERMS).T)
 
 
 def _add_by_owner(

@@ -111,12 +111,7 @@ class Membrane:
         return np.asarray(self.forces.sum(axis=0) + self.edge_forces.sum(axis=0))
 
 
-def solve_membrane(
-    edges: Sequence[Edge],
-    *,
-    tolerance: float = 1e-4,
-    time_limit: float = 60.0,
-) -> Membrane:
+def solve_membrane(edges: Sequence[Edge], *, tolerance: float = 1e-4, time_limit: float = 60.0) -> Membrane:
     """A film of surface tension 1 inside a closed frame of cables and fixed edges, and between rings.
 
     Args:

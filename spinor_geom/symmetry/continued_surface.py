@@ -66,11 +66,7 @@ class ContinuedSurface:
         return self._mesh(target_edge_length)[0]
 
     def solid(
-        self,
-        thickness: float,
-        *,
-        target_edge_length: float | Literal["auto"] = "auto",
-        edge: SolidEdge = "rounded",
+        self, thickness: float, *, target_edge_length: float | Literal["auto"] = "auto", edge: SolidEdge = "rounded"
     ) -> Solid:
         """The surface thickened by half of `thickness` to both sides, as a watertight mesh.
 
