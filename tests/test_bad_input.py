@@ -23,8 +23,7 @@ from spinor_geom.errors import (
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.loop_choice import boundary_loops
 from spinor_geom.render.portrait import Portrait
-from tests.closed import is_watertight
-from tests.fill.shapes import folded_quad, obj_text, soup, tube
+from tests.fill.shapes import obj_text, soup, tube
 
 Pair = tuple[np.ndarray, np.ndarray]
 
@@ -94,19 +93,6 @@ def test_the_unit_of_length_does_not_matter(scale):
     assert all(report.complete and report.watertight and report.intersection_free for report in reports)
     own, scaled = ([outcome.solution.area for outcome in report.loops] for report in reports)
     assert np.array(scaled) / scale**2 == pytest.approx(own, rel=1e-12)
-
-
-def test_a_bow_tie_vertex_is_split_into_two_holes():
-    # two folded quads that share one vertex
-    vertices, faces = folded_quad()
-    other = np.vstack([vertices[1:] + np.array([3.0, 0.0, 0.0]), vertices[:1]])
-    pair = np.vstack([vertices, other[:3]]), np.vstack([faces, [[0, 4, 6], [4, 5, 6]]])
-    loops = boundary_loops(pair)
-    assert [len(loop) for loop in loops] == [4, 4]
-    assert all(0 in loop.vertex_ids for loop in loops)
-    filled, report = fill_hole(pair, return_report=True)
-    assert report.watertight
-    assert is_watertight(filled[1])
 
 
 def write(path, content):

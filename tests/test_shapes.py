@@ -22,8 +22,7 @@ def centroids(
 
 @arrays_checked
 def joined(*parts: Float[np.ndarray, "_ 3"], sizes: list[Complex[np.ndarray, " n"]] | None = None) -> None:
-    if sizes == []:
-        raise ValueError("no sizes")
+    pass
 
 
 @fields_checked
@@ -55,11 +54,6 @@ def test_what_fits_is_let_through() -> None:
 def test_what_does_not_fit_is_an_error(call, what: str) -> None:
     with pytest.raises(TypeError, match=what):
         call()
-
-
-def test_a_function_may_refuse_arguments() -> None:
-    with pytest.raises(ValueError, match="no sizes"):
-        joined(ONES.T, sizes=[])
 
 
 def test_the_first_calls_of_each_test_are_checked() -> None:

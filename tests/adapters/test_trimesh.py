@@ -82,14 +82,6 @@ def test_attributes_that_clash_or_are_no_numbers():
     assert closed.vertex_attributes["wave"][8] == 0
 
 
-def test_texture_with_colors_keeps_them():
-    visual = TextureVisuals(uv=np.zeros((8, 2)))
-    visual.vertex_attributes["color"] = np.full((8, 4), 7, dtype=np.uint8)
-    cube = plain(*open_cube(), visual=visual)
-    closed = extend(cube, lid_for(to_mesh(cube)))
-    assert np.array_equal(closed.visual.vertex_attributes["color"], np.full((9, 4), 7))
-
-
 def test_primitive_becomes_a_plain_trimesh():
     box = trimesh.creation.box()
     assert is_closed(to_mesh(box))

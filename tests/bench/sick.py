@@ -1,7 +1,6 @@
 """A process of the benchmark that fails in the way its tasks request."""
 
 import os
-import time
 
 from spinor_geom.isolate import serve
 
@@ -12,9 +11,6 @@ def run(task):
         print(" and printed", flush=True)
     if "exit" in task:
         os._exit(task["exit"])
-    if "signal" in task:
-        os.kill(os.getpid(), task["signal"])
-    time.sleep(task.get("sleep", 0))
     return {"status": "done", "process": os.getpid()}
 
 

@@ -22,7 +22,7 @@ from spinor_geom.cli.main import build_parser, main
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.loop_choice import boundary_loops
 from tests.fill.shapes import collar, cylinder, figure_eight, obj_text, soup, spiked_tetrahedron, spokes, tube
-from tests.fill.test_bridge import island, places, ring
+from tests.fill.test_bridge import ring
 from tests.render.test_viewer import data_of
 from tests.systems import modes, undecodable
 
@@ -177,41 +177,6 @@ def test_crossings_that_were_not_all_counted_are_told_so(tmp_path, capsys):
     assert main(["loops", str(path), "--json"]) == 0
     (entry,) = json.loads(capsys.readouterr().out)
     assert (entry["crossings"] >= 100_000, entry["all_crossings_counted"]) == (True, False)
-
-
-def test_rims_and_islands_are_joined_on_request(tmp_path, capsys):
-    mesh = island()
-    hole, piece = places(mesh, 1.0, 0.4)
-    path = write_obj(tmp_path / "island.obj", *mesh)
-    output, report = str(tmp_path / "out.ply"), tmp_path / "report.json"
-    for arguments in (["--bridge", f"{hole},{piece}"], ["--islands", "join", "--loop", f"{hole},{piece}"]):
-        assert main(["fill", str(path), "-o", output, "--report", str(report), *arguments]) == 0
-        loops = json.loads(report.read_text())["loops"]
-        assert (loops[hole]["joined_to"], loops[piece]["joined_to"]) == (piece, hole)
-        assert len(boundary_loops(output)) == 2
-    capsys.readouterr()
-    messages = {"0": "two or more loops, got 1", "1,1": "got loop 1 twice", "0,9": "loop 9 does not exist"}
-    for bridge, message in messages.items():
-        assert main(["fill", str(path), "-o", output, "--bridge", bridge]) == 2
-        assert message in capsys.readouterr().err
-
-
-def test_continuity_makes_smooth_patches_and_reports_it(tmp_path, capsys):
-    path, output, report = write_obj(tmp_path / "in.obj", *cylinder(16, 4)), tmp_path / "out.ply", tmp_path / "r.json"
-    page = tmp_path / "page.html"
-    arguments = ["fill", str(path), "-o", str(output), "--report", str(report), "--html", str(page), "--compare"]
-    status, shown = on_terminal([*arguments, "--continuity", "C1", "--strict"])
-    assert status == 0
-    assert [entry["kind"] for entry in json.loads(report.read_text())["loops"]] == ["smooth", "smooth"]
-    assert "smooth" in shown
-    assert "bend" in shown
-    assert "90° to" in shown
-    assert "smooth" in page.read_text()
-    filled = read_mesh(output).mesh.vertices
-    assert filled[:, 2].max() > 2.3  # a dome on the tube's end at 2
-    with pytest.raises(SystemExit, match="2"):
-        main([*arguments, "--continuity", "C3"])
-    assert "argument --continuity" in capsys.readouterr().err
 
 
 def test_merge_closes_a_soup(tmp_path, capsys):
@@ -542,16 +507,14 @@ def test_a_terminated_fill_leaves_no_temporary_files(mesh_path, tmp_path):
     assert left == {"out.obj": b"old"}
 
 
-@pytest.mark.parametrize("loops", [2, 22])
-def test_many_loops_are_counts_and_exceptions(loops, tmp_path, capsys):
+def test_many_loops_are_counts_and_exceptions(tmp_path, capsys):
     vertices, faces = tube()
-    copies = loops // 2
+    copies = 11
     many = np.concatenate([vertices + np.array([10 * k, 0, 0]) for k in range(copies)])
     mesh = write_obj(tmp_path / "tubes.obj", many, np.concatenate([faces + k * len(vertices) for k in range(copies)]))
     assert main(["fill", str(mesh), "-o", str(tmp_path / "filled.obj")]) == 0
-    *listed, counts = capsys.readouterr().err.splitlines()
-    assert f"{loops} of {loops} loops filled" in counts
-    assert len(listed) == (loops if loops <= 20 else 0)
+    (counts,) = capsys.readouterr().err.splitlines()
+    assert "22 of 22 loops filled" in counts
 
 
 def test_warnings_that_differ_by_numbers_are_one_line(tmp_path, capsys):

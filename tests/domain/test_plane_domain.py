@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from spinor_geom.deadline import time_limit
 from spinor_geom.domain import FourierBoundary, PlaneDomain, SplineBoundary
-from spinor_geom.domain.plane_domain import Boundary, sampled
+from spinor_geom.domain.plane_domain import Boundary
 from spinor_geom.errors import DomainError, DtypeError, OptionError
 from tests.loops import L_SHAPE, planar
 
@@ -71,27 +71,6 @@ def test_distance_from_a_circle(radius, angle):
     z = np.array([radius * np.exp(1j * angle)])
     # the sagitta of 16 × 64 edges
     np.testing.assert_allclose(DOMAINS["disk"].distance_outside(z), radius - 1, atol=5e-6)
-
-
-def test_distance_has_the_sign_of_the_nearest_edge_however_near():
-    boundary = DOMAINS["bent"].boundary
-    t = (np.arange(4000) + 0.5) / 4000
-    tangent = boundary.derivative(t)
-    outwards = -1j * tangent / np.abs(tangent)
-    # far enough from the polygon's sagittas, nearer than its edges
-    for step in (1e-3, 1e-2):
-        outside = DOMAINS["bent"].distance_outside(boundary.point(t) + step * outwards)
-        inside = DOMAINS["bent"].distance_outside(boundary.point(t) - step * outwards)
-        np.testing.assert_allclose(outside, step, rtol=0.3)
-        np.testing.assert_allclose(inside, -step, rtol=0.3)
-
-
-def test_samples_are_the_vertices_and_equal_steps_between_them():
-    boundary = DOMAINS["ellipse"].boundary
-    points = sampled(boundary, 4).reshape(-1, 4)
-    np.testing.assert_allclose(points[:, 0], boundary.vertices, atol=1e-14)
-    quarters = 0.75 * boundary.parameters[1:] + 0.25 * boundary.parameters[:-1]
-    np.testing.assert_allclose(points[:, 3], boundary.point(quarters), atol=1e-14)
 
 
 @given(x=st.floats(-1, 3), y=st.floats(-1, 3))

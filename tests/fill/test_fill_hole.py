@@ -34,11 +34,11 @@ def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return np.cross(b - a, c - a)
 
 
-def disk_with_hole(slope: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+def disk_with_hole() -> tuple[np.ndarray, np.ndarray]:
     """A ring of 24 × 3 vertices in a plane: an outer rim, and a round hole of radius 1/2."""
     (x, y), faces = lattice(24, 2, wrap_x=True)
     z = (0.5 + y / 4) * np.exp(2j * np.pi * x / 24)
-    return np.column_stack([z.real, z.imag, slope * z.real]), faces[:, ::-1]
+    return np.column_stack([z.real, z.imag, 0 * z.real]), faces[:, ::-1]
 
 
 def test_the_input_is_an_unchanged_prefix_and_the_result_watertight() -> None:
@@ -67,18 +67,6 @@ def test_caps_of_a_tube_are_flat_and_look_outwards() -> None:
     # a plane loop is filled in its plane, to round-off
     assert np.abs(new_vertices[np.unique(patch[lower]), 2]).max() < 1e-12
     assert np.abs(new_vertices[np.unique(patch[~lower]), 2] - 1.0).max() < 1e-12
-
-
-def test_a_flat_patch_has_the_polygon_s_area() -> None:
-    vertices, faces = disk_with_hole(slope=2.0)
-    (new_vertices, new_faces), report = fill_hole((vertices, faces), 1, return_report=True)
-    patch = new_faces[len(faces) :]
-    polygon = 24 * np.sin(2 * np.pi / 24) / 2 * 0.5**2 * np.sqrt(5)
-    area = np.linalg.norm(face_normals(new_vertices, patch), axis=1).sum() / 2
-    np.testing.assert_allclose(area, polygon, rtol=1e-12)
-    assert report.loops[1].solution is not None
-    assert report.loops[1].vertices_added == len(new_vertices) - len(vertices)
-    assert report.loops[1].faces_added == len(patch)
 
 
 def test_edge_length_sets_the_size_of_the_patch() -> None:
@@ -255,16 +243,6 @@ def test_a_mesh_with_merged_seams_is_filled_where_its_faces_fit() -> None:
     assert not report.closed
 
 
-def test_a_patch_goes_with_most_of_the_faces_beside_it() -> None:
-    vertices, faces = tube()
-    faces[9] = faces[9, ::-1]
-    (_, filled), report = fill_hole((vertices, faces), return_report=True)
-    assert not report.watertight
-    mended = filled.copy()
-    mended[9] = mended[9, ::-1]
-    assert is_watertight(mended)
-
-
 def test_pieces_inside_out_to_each_other_get_patches_that_fit_their_own_rims() -> None:
     vertices, faces = tube(16, 4)
     upper = (faces >= 32).any(axis=1)
@@ -332,9 +310,3 @@ def test_the_closed_volume_is_right() -> None:
     polygon = sides * np.sin(2 * np.pi / sides) / 2
     # the quads of a frustum's sides are flat, so its volume is h (A + √(AB) + B)/3
     np.testing.assert_allclose(volume, 0.5 * polygon * (1 + 0.9 + 0.81) / 3, rtol=1e-12)
-
-
-def test_max_perimeter_leaves_longer_loops_open() -> None:
-    _, report = fill_hole(disk_with_hole(), max_perimeter=4.0, return_report=True)
-    assert [outcome.filled for outcome in report.loops] == [False, True]
-    assert "max_perimeter" in report.loops[0].reason

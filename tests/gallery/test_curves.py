@@ -46,23 +46,6 @@ def test_samples_hold_the_corners(curve):
     np.testing.assert_allclose(loop.points[loop.corners], expected, atol=1e-15)
 
 
-@pytest.mark.parametrize(
-    ("curve", "angles"),
-    [
-        (gallery.schwarz_d_quadrilateral(), [60] * 4),
-        (gallery.schwarz_d_hexagon(), [90] * 6),
-        (gallery.schwarz_p_hexagon(), [60] * 6),
-        (gallery.schwarz_p_quadrilateral(), [60, 90, 60, 90]),
-    ],
-    ids=lambda value: getattr(value, "name", None),
-)
-def test_polygons_have_the_stated_corners(curve, angles):
-    v = curve.point(np.array(curve.corners))
-    ahead, back = np.roll(v, -1, axis=0) - v, np.roll(v, 1, axis=0) - v
-    cosine = (ahead * back).sum(axis=1) / np.linalg.norm(ahead, axis=1) / np.linalg.norm(back, axis=1)
-    np.testing.assert_allclose(np.degrees(np.arccos(cosine)), angles, atol=1e-9)
-
-
 @pytest.mark.parametrize("seed", range(5))
 def test_random_curve_has_three_to_six_harmonics_and_is_repeatable(seed):
     t = np.arange(64) / 64
@@ -73,18 +56,6 @@ def test_random_curve_has_three_to_six_harmonics_and_is_repeatable(seed):
     assert harmonics[0] == 1
     assert harmonics[-1] in (3, 4, 5, 6)
     assert (np.diff(harmonics) == 1).all()
-
-
-def test_l_shape_has_one_reflex_corner_and_lies_on_its_saddle():
-    known = gallery.l_shape(rise=0.25)
-    x, y, z = known.point(np.arange(48) / 48).T
-    np.testing.assert_allclose(z, 0.25 * x * y, atol=1e-15)
-    corners = known.point(np.array(known.corners))[:, :2]
-    ahead, back = np.roll(corners, -1, axis=0) - corners, corners - np.roll(corners, 1, axis=0)
-    turn = back[:, 0] * ahead[:, 1] - back[:, 1] * ahead[:, 0]
-    assert (turn < 0).sum() == 1
-    x, y = corners.T
-    assert gallery.l_shape().disks[0].area == 0.5 * (x @ np.roll(y, -1) - y @ np.roll(x, -1))
 
 
 @pytest.mark.parametrize(

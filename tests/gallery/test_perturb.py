@@ -23,13 +23,3 @@ def test_noise_is_isotropic_repeatable_and_as_large_as_stated():
     assert np.abs(np.corrcoef(moves.T) - np.eye(3)).max() < 0.1
     np.testing.assert_array_equal(moved.points, gallery.noisy_loop(loop, 0.15, seed=3).points)
     assert (gallery.noisy_loop(loop, 0.15, seed=4).points != moved.points).all()
-
-
-def test_uneven_samples_lie_on_the_curve_with_edges_as_different_as_stated():
-    loop = gallery.unevenly_sampled(gallery.ellipse(2.0), 300, seed=1, spread=0.5)
-    x, y, _ = loop.points.T
-    np.testing.assert_allclose((x / 2) ** 2 + y**2, 1, atol=1e-12)
-    # edges in proportion to numbers from 0.5 to 1.5
-    share = loop.edge_lengths / loop.mean_edge_length
-    assert 0.48 < share.min() < 0.6
-    assert 1.4 < share.max() < 1.52

@@ -36,25 +36,6 @@ def test_polynomials_are_orthonormal_on_a_thin_ellipse(ratio):
         assert float(torch.linalg.cond(powers)) > 1e12
 
 
-def test_recurrence_holds():
-    z, weight = nodes(8)
-    hessenberg = arnoldi_hessenberg(z, weight, DEGREE)
-    basis = arnoldi_polynomials(z, hessenberg)
-    torch.testing.assert_close(z[:, None] * basis[:, :-1], basis @ hessenberg, rtol=0, atol=1e-11)
-    assert (hessenberg.tril(-2) == 0).all()
-    subdiagonal = hessenberg.diagonal(-1)
-    assert (subdiagonal.imag == 0).all()
-    assert (subdiagonal.real > 0).all()
-
-
-def test_leja_points_are_distinct_and_begin_at_the_far_end():
-    z, _ = nodes(8)
-    points = leja_points(z, DEGREE + 1)
-    distance = (points[:, None] - points).abs() + 99 * torch.eye(len(points))
-    assert float(distance.min()) > 0.01
-    assert abs(abs(float(points[0].real)) - 8) < 0.1
-
-
 @pytest.mark.parametrize("ratio", [1, 8])
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
 def test_interpolation_has_the_same_values(ratio, scale):

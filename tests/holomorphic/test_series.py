@@ -30,14 +30,6 @@ def geometric_series(ratio, terms):
 # --- the closed integral ----------------------------------------------------------------------------------------------
 
 
-def test_integrals_of_ennepers_spinors():
-    series = PowerSeries(torch.tensor([[1, 0], [0, 1]], dtype=torch.complex128))
-    z = points_in_disk(50)
-    exact = torch.stack([z, z**3 / 3, z**2 / 2], dim=-1)
-    with torch.no_grad():
-        torch.testing.assert_close(series.primitive(z), exact, rtol=0, atol=1e-15)
-
-
 @given(st.integers(1, 80), SEEDS, st.floats(0.1, 10), st.complex_numbers(max_magnitude=3, allow_nan=False))
 def test_integrals_equal_quadrature_along_rays(terms, seed, radius, center):
     series = random_series(terms, seed, center=center, radius=radius)

@@ -25,7 +25,6 @@ from spinor_geom.mesh.intersections import (
     require_simple,
     self_intersections,
 )
-from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from tests.mesh.test_find_loops import grid
 from tests.strategies import SEEDS, RigidMotion, rigid_motions, smooth_loops
 
@@ -314,11 +313,3 @@ def test_edges_through_triangles(turn):
     triangles = np.broadcast_to(triangle, (len(cases), 3, 3))
     for one, other in ((starts, ends), (ends, starts)):
         assert edges_through(one, other, triangles).tolist() == list(meets)
-
-
-@pytest.mark.parametrize(
-    "name", ["spot_cut.obj", "plane_holes.obj", "trimesh_reference.obj", "demosthenes_low_res.obj"]
-)
-def test_real_meshes_do_not_cross_themselves(real_mesh: Callable[[str], TriangleMesh], name: str) -> None:
-    mesh = real_mesh(name)
-    assert len(self_intersections(mesh.vertices, mesh.faces)) == 0

@@ -56,11 +56,6 @@ def test_near_points_are_those_of_a_search_through_all(kind):
         assert found <= set(map(tuple, pairs[(apart <= 1e-10) & (i > 3)].tolist()))
 
 
-def test_pairs_at_an_infinite_distance_are_those_of_given_segments():
-    starts, ends = segments("any", np.random.default_rng(0), 5)
-    assert near_edges(starts, ends, np.inf, np.less).tolist() == np.stack(np.triu_indices(5, 1), axis=1).tolist()
-
-
 def test_the_search_ends_where_enough_are_found():
     starts, ends = segments("any", np.random.default_rng(0), 2000)
     assert AT_ONCE <= len(near_edges(starts, ends, np.inf, np.less, enough=10)) + 2000 < 2 * AT_ONCE

@@ -102,17 +102,6 @@ def test_a_loop_follows_most_of_the_faces_beside_it() -> None:
         assert same(loop.reversed(), clean) is (count > 6)
 
 
-def test_pieces_inside_out_to_each_other_have_the_loops_of_their_own_faces() -> None:
-    vertices, faces = tube(SIDES, RINGS)
-    upper = (faces >= 3 * SIDES).any(axis=1)
-    turned = np.where(upper[:, None], faces[:, ::-1], faces)
-    clean = find_boundary_loops(TriangleMesh(vertices, faces))
-    loops = find_boundary_loops(TriangleMesh(vertices, turned))
-    assert same(loops[0], clean[0])
-    assert same(loops[1], clean[1].reversed())
-    assert all(loop.remarks == () for loop in loops)
-
-
 def test_edges_of_very_many_faces_are_not_compared_in_pairs() -> None:
     # a book of 100 pages: each has its own outline, along the back of the book
     count = 100

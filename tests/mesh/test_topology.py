@@ -14,18 +14,9 @@ from spinor_geom.mesh.topology import (
     coincident_vertices,
     face_components,
     is_watertight_with,
-    referenced_vertices,
 )
 from tests.closed import is_watertight
 from tests.strategies import SEEDS
-
-
-def test_twins_of_a_tetrahedron_run_the_other_way(tetrahedron: np.ndarray) -> None:
-    half_edges = HalfEdges.of(tetrahedron)
-    assert (half_edges.counts == 2).all()
-    assert len(half_edges.counts) == 6
-    np.testing.assert_array_equal(half_edges.origin, half_edges.target[half_edges.twin])
-    np.testing.assert_array_equal(half_edges.twin[half_edges.twin], np.arange(12))
 
 
 def test_a_mesh_is_watertight_until_a_face_is_missing_turned_or_too_many(tetrahedron: np.ndarray) -> None:
@@ -53,10 +44,6 @@ def test_added_faces_are_judged_as_those_of_one_mesh(seed: int, count: int, copi
 def test_faces_of_an_edge_with_three_faces_are_one_component() -> None:
     fan = np.array([[0, 1, 2], [1, 0, 3], [0, 1, 4], [5, 6, 7], [6, 5, 8]])
     np.testing.assert_array_equal(face_components(fan), [0, 0, 0, 1, 1])
-
-
-def test_referenced_vertices() -> None:
-    np.testing.assert_array_equal(referenced_vertices(np.array([[0, 3, 1]]), vertices=5), [1, 1, 0, 1, 0])
 
 
 @given(rows=st.lists(st.tuples(*[st.sampled_from([0.0, -0.0, 1.0])] * 3), max_size=40))

@@ -28,16 +28,6 @@ def test_arrays_are_read_only_copies() -> None:
             array[0, 0] = 7
 
 
-@pytest.mark.parametrize("dtype", [np.float32, np.float64, np.int32, ">f8"])
-def test_vertices_become_contiguous_float64(dtype: str) -> None:
-    mesh = TriangleMesh(np.asfortranarray(POINTS.astype(dtype)), FACES.astype(np.uint16))
-    assert mesh.vertices.dtype == np.float64
-    assert mesh.vertices.dtype.isnative
-    assert mesh.vertices.flags.c_contiguous
-    assert mesh.faces.dtype == np.int64
-    np.testing.assert_array_equal(mesh.vertices, POINTS)
-
-
 WHOLE = {"vertices": np.zeros((1, 3)), "faces": [[0, 1, 4]], "face_loops": [0]}
 
 

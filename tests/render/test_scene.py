@@ -131,10 +131,3 @@ def test_views_are_orthonormal_straight_at_the_normal_and_upright(vector):
     np.testing.assert_array_equal(direction, normal)
     if abs(normal[1]) < 0.7:
         assert up[1] > 0.7
-
-
-def test_the_whole_mesh_fits_exactly():
-    box = np.array([[0.0, 0.0, 0.0], [4.0, 2.0, 1.0]])
-    camera = Camera.around(box, np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0]))
-    np.testing.assert_allclose(camera.focus, [2.0, 1.0, 0.5])
-    assert camera.radius == 2.0

@@ -60,12 +60,6 @@ def test_trimesh_has_the_same_vertices_and_faces(enneper):
     np.testing.assert_allclose(enneper.to_trimesh().vertex_normals, enneper.surface.normal(patch.points), atol=1e-9)
 
 
-def test_a_filled_mesh_converts_closed(filled):
-    made = filled.to_trimesh()
-    assert made.is_watertight
-    assert len(made.faces) == len(filled.original.faces) + len(filled.extension.faces)
-
-
 def test_gltf_has_curvature_as_colours(enneper, tmp_path):
     enneper.to_gltf(tmp_path / "enneper.glb")
     patch = spinor_geom.mesh_patch(enneper)

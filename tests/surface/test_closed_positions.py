@@ -86,17 +86,3 @@ def test_positions_of_a_few_points_are_those_of_many():
     # the paths of all vertices are the same again
     with torch.no_grad():
         np.testing.assert_allclose(surface.position(torch.from_numpy(points)), together, rtol=0, atol=rounding)
-
-
-def test_paths_from_the_root_have_the_requested_vertices_and_all_before_them():
-    domain = PlaneDomain.disk(n=40)
-    wanted = np.array([0, 7, 30])
-    visited = domain.visited(wanted)
-    assert set(wanted.tolist()) <= set(visited.tolist())
-    assert domain.root in visited
-    assert np.isin(domain.parents[visited], visited).all()
-    deepest, at = 0, np.arange(len(domain.parents))
-    while (at != domain.root).any():
-        deepest, at = deepest + 1, domain.parents[at]
-    assert len(visited) <= 1 + 3 * deepest
-    assert len(domain.visited(np.zeros(0, dtype=np.int64))) == 0

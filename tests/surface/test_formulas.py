@@ -51,13 +51,6 @@ def test_gauss_map_is_the_stereographic_normal_and_weierstrass_data_give_phi_bac
     np.testing.assert_allclose(back, formulas.phi(p, q), atol=1e-12 * float(formulas.conformal_factor(p, q)))
 
 
-def test_enneper_gauss_curvature_equals_closed_form():
-    z = torch.linspace(0, 1, 5, dtype=torch.float64) * (1 + 1j)
-    one, zero = torch.ones_like(z), torch.zeros_like(z)
-    curvature = formulas.gauss_curvature(one, z, zero, one)
-    np.testing.assert_allclose(curvature, -4 / (1 + z.abs().square()) ** 4, rtol=1e-14)
-
-
 def test_second_fundamental_form_is_symmetric_and_traceless():
     p, q, dp, dq = torch.randn(4, 7, dtype=torch.complex128, generator=torch.Generator().manual_seed(0))
     second = formulas.second_fundamental_form(p, q, dp, dq)

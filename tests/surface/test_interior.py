@@ -27,10 +27,6 @@ def points():
     return triangulate_polygon(BOUNDARY.point(np.arange(80) / 80), constant_size(0.1)).points[80:]
 
 
-def test_positions_are_those_of_the_surface(surface, points):
-    assert np.abs(surface.positions_inside(points)[0] - surface.position(points)).max() < 1e-10
-
-
 def test_positions_by_the_fast_sums(surface, points):
     # many points, and some so near to the boundary that the panels there are short: sums over them are not direct
     t = (np.arange(5000) + 0.5) / 5000

@@ -43,16 +43,6 @@ def test_error_falls_at_the_order_of_the_rule(model, quadrature, slope, toleranc
 
 
 @every_model
-def test_gauss_converges_faster_than_any_power(model):
-    z = points()
-    exact = SpinorSurface(model, DISK, order=24).position(z)
-    surfaces = (SpinorSurface(model, DISK, order=n) for n in (8, 16, 64))
-    few, more, many = (np.abs(radial_position(surface, z) - exact).max() for surface in surfaces)
-    assert more < few / 30
-    assert many < 1e-11 * np.abs(exact).max()
-
-
-@every_model
 @ORDERS
 def test_mean_curvature_falls_at_the_order_of_the_rule(model, quadrature, slope, tolerance):
     z, counts = points(25), [25, 50, 100, 200] if quadrature == "trapezoid" else [24, 48, 96]

@@ -27,12 +27,3 @@ def test_it_agrees_with_the_spinor_form():
     z = inside(DISK, 50)
     difference = spinors.position(z) - other.position(z)
     np.testing.assert_allclose(difference, np.broadcast_to(difference[0], difference.shape), atol=1e-13)
-
-
-def test_zeros_of_f_are_branch_points_with_their_orders():
-    (simple,) = surface([-0.3, 1.0], [1.0]).branch_points()
-    assert abs(simple.z - 0.3) < 1e-10
-    assert simple.order == 1
-    (double,) = surface([0.0, 0.0, 1.0], [1.0, 0.5]).branch_points()
-    assert double.order == 2
-    assert surface([2.0, 1.0], [0.0, 1.0]).branch_points() == ()

@@ -26,14 +26,6 @@ def whole():
     return train_by_rmsprop(CURVE, options=SMALL)
 
 
-def test_the_defaults_are_the_paper_settings():
-    paper = RMSprop()
-    assert (paper.depth, paper.width, paper.activation) == (10, 20, "exp")
-    assert (paper.learning_rate, paper.batch, paper.points, paper.epochs) == (1e-5, 128, 1024, 800)
-    assert (paper.tangent_weight, paper.quadrature, paper.order) == (0.5, "trapezoid", 100)
-    assert paper.representation == "spinor"
-
-
 def test_the_boundary_comes_near_to_the_curve(whole):
     result = whole
     assert result.status == "finished"
