@@ -196,7 +196,7 @@ class Inputs:
 
 
 def listed(file: IO[str]) -> Iterator[Source]:
-    """Sources from a file with a line of JSON for each; only one iteration at a time."""
+    """Sources from a file with a line of JSON for each. Only one iteration at a time works."""
     file.seek(0)
     while line := file.readline():
         yield Source(**json.loads(line))

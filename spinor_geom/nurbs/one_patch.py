@@ -16,7 +16,7 @@ from spinor_geom.surface.array_surface import ArraySurface
 
 _GRID = np.linspace(0, 1, 65)  # parameters where the quadrilateral is tested for folds
 _LEAST_SINE = 0.02  # of its angles
-_SHARP = np.pi / 6  # largest angle of a single corner; at larger ones several patches are never too short
+_SHARP = np.pi / 6  # largest angle of a single corner. At larger ones several patches are never too short
 _ASIDE = 1e-6  # the angle at a corner is between points at this distance along Γ, relative to its length
 
 _Row = TypeVar("_Row", bound=np.ndarray)

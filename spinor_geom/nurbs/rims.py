@@ -27,7 +27,7 @@ _PRECISE, _REACH = 1e-8, 0.02  # largest last Newton step (the error is about it
 # relative accuracy of ∫ φ dz: this share of the boundary residual, within limits suitable for the tolerance 1e-6
 _OF_RESIDUAL, _ACCURACY = 1e-3, (1e-10, 1e-8)
 _ASIDE = 1e-9  # distance of one-sided derivatives from a corner
-# Shares of ∂Ω beside a corner where the growth of positions is measured; how near it is to the power that it shows
+# Shares of ∂Ω beside a corner where the growth of positions is measured, and how near it is to the power that it shows
 _GROWTH, _SURE = (1e-5, 1e-4), 0.05
 _SMOOTH = 1e-6  # largest difference of unit tangents where ∂Ω is smooth
 # Where s and t, as shares of a side, differ by more than this, s is a polynomial of x. They differ by 0.44 next to the
@@ -179,7 +179,7 @@ class Rim:
     def _sides(
         self, s: Float[np.ndarray, " n"]
     ) -> tuple[Bool[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, "#n 3"]]:
-        """Whether points are corners; parameters of the corners of ∂Ω before and after them; the shift of Γ there."""
+        """Whether points are corners, the parameters of the corners before and after them, and the shift of Γ there."""
         if not len(self.corners):
             return np.zeros(len(s), dtype=bool), np.full(len(s), -np.inf), np.full(len(s), np.inf), np.zeros((1, 3))
         ends = np.append(self.corners, self.corners[0] + 1)

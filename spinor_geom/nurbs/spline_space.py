@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.interpolate import BSpline
 
-# search for the extrema: rounds, after which nodes move by less than a sample; samples per extremum
+# search for the extrema: rounds, after which nodes move by less than a sample, and samples per extremum
 _ROUNDS, _SAMPLES = 6, 24
 
 

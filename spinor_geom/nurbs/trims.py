@@ -16,7 +16,7 @@ from spinor_geom.mesh.rational_splines import NurbsCurve, spline_nodes
 _FEWEST, _MOST = 8, 20_000  # numbers of pieces
 _DEGREE = 5
 _STRAIGHT = 1e-12  # largest distance of a straight side from a line of constant speed, relative to its length
-_JUMP = 1e-6  # jump of the second derivative that ends a spline, relative to its largest value; rounding is 1e-10
+_JUMP = 1e-6  # jump of the second derivative that ends a spline, relative to its largest value. Rounding is 1e-10
 
 
 def splines_along(curve: BoundaryCurve, allowed: float) -> tuple[tuple[NurbsCurve, ...], float]:

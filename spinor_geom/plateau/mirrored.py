@@ -135,7 +135,7 @@ def open_curves(what: Any) -> list[OpenCurve]:
 def solve_mirrored(
     curves: Sequence[OpenCurve], planes: MirrorPlanes, solve: Callable[..., Any], tolerance: float
 ) -> PlateauSolution | NoConnectedSurface:
-    """The part on one side of the planes of the film over curves and their reflections; see `solve_plateau`."""
+    """The part on one side of the planes of the film over curves and their reflections. See `solve_plateau`."""
     if not curves:
         raise OptionError("a film needs at least one open curve, got an empty sequence")
     arcs = [_Arc.of(curve, number, planes) for number, curve in enumerate(curves)]

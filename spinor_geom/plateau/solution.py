@@ -298,8 +298,8 @@ class PlateauSolution(Shown):
             The copies, with `area`, `mesh`, `to_nurbs` and `solid`. `lattice` is a basis of the translations.
 
         Raises:
-            OptionError: no side has a symmetry; the angle at a corner between two such sides does not divide π, so that
-                the continued surface is branched there; or there is no periodic cell.
+            OptionError: no side has a symmetry, the angle at a corner between two such sides does not divide π, so that
+                the continued surface is branched there, or there is no periodic cell.
 
         Source: Schwarz (1865); Dierkes, Hildebrandt & Sauvigny, "Minimal Surfaces" (2010), section 4.8.
         """

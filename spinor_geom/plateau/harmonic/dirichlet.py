@@ -111,7 +111,7 @@ def _smooth_kernel(z: Complex[np.ndarray, " n"], dz: Complex[np.ndarray, " n"]) 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CirclesForm:
-    """Λ of the unit disk less round holes, on equal steps of the angle τ of every circle; see `DirichletForm`.
+    """Λ of the unit disk less round holes, on equal steps of the angle τ of every circle. See `DirichletForm`.
 
     Each circle has a coordinate ζ that maps its side of the plane to the unit disk: ζ = z for the unit circle,
     ζ = r/(z − c) for a hole. A harmonic function on Ω is the real part of a sum of powers of all coordinates, and of a

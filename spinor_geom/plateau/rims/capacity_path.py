@@ -44,7 +44,7 @@ def all_on_path(problem: RimsProblem, surface: HarmonicSurface | None) -> list[H
     """The critical points on the path of a surface with stationary slides, sorted by mean modulus.
 
     Raises:
-        SurfaceError: the nodes crowd; or the energy of two rims increases at the least resolved modulus, so that there
+        SurfaceError: the nodes crowd, or the energy of two rims increases at the least resolved modulus, so that there
             may be critical points below it.
     """
     near = None if surface is None else _OnPath.near(replace(surface, fixed_moduli=False))
@@ -130,7 +130,7 @@ class _OnPath:
         return 1 / float(self._by_log_modulus @ self._steps[1])
 
     def at(self, log_modulus: float) -> _OnPath | None:
-        """The point at a given log M, by Newton's method; None if that does not converge."""
+        """The point at a given log M, by Newton's method, or None if that does not converge."""
         near, before = self, math.inf
         for _ in range(MOST_STEPS):
             size = near._residual(log_modulus)
@@ -185,6 +185,6 @@ def _zero(problem: RimsProblem, low: _OnPath, high: _OnPath) -> HarmonicSurface:
 
 
 def _from_nearer(points: tuple[_OnPath, _OnPath], log_modulus: float) -> _OnPath:
-    """The point at a given log M, by Newton's method from the nearer of two points; that point if it fails."""
+    """The point at a given log M, by Newton's method from the nearer of two points, or that point if it fails."""
     nearest = min(points, key=lambda point: abs(point.log_modulus - log_modulus))
     return nearest.at(log_modulus) or nearest

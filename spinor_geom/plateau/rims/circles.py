@@ -114,7 +114,7 @@ class Circles:
 
     @cached_property
     def gaps(self) -> Float[np.ndarray, "m m"]:
-        """Widths of the gaps between circles; 0 on the diagonal."""
+        """Widths of the gaps between circles, 0 on the diagonal."""
         radii = self.radii
         gaps = np.abs(self.centres[:, None] - self.centres) - radii[:, None] - radii
         gaps[0] = gaps[:, 0] = 1 - np.abs(self.centres) - radii
@@ -133,7 +133,7 @@ class Circles:
     def poles(
         self, of: CorneredRims
     ) -> tuple[Complex[np.ndarray, " k"], Float[np.ndarray, " k"], Int[np.ndarray, " j"]]:
-        """Poles at corners, then between circles that nearly touch; their distances from the circles; the corners."""
+        """Poles at corners, then between circles that nearly touch, their distances from the circles, and corners."""
         rim_of_corner = of.rim_of_corner
         radii, signs = self.radii, self.signs
         rims, directions, distances, counts = [], [], [], []

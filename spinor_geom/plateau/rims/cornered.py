@@ -115,7 +115,7 @@ class CornerForm:
 
     @property
     def _from_poles(self) -> Complex[np.ndarray, "n j"]:
-        """Differences of nodes and poles; those near the same corner from their distances to it."""
+        """Differences of nodes and poles, of those near the same corner from their distances to it."""
         (z, _), (poles, distances, corner_of_pole) = self.nodes, self.circles.poles(self.rims)
         found = z[:, None] - poles
         for side, rows in zip(self.rims.sides, self.rims.rows, strict=True):
@@ -335,7 +335,7 @@ class CorneredSurface:
         return np.concatenate(columns, axis=2)
 
     def stepped(self, step: Float[np.ndarray, " k"]) -> CorneredSurface | None:
-        """The surface after a step; None if circles would meet."""
+        """The surface after a step, or None if circles would meet."""
         count, form = len(self.slides), self.form
         circles = form.circles.moved(step[count:])
         if not circles.is_domain(form.rims.rim_of_corner):

@@ -239,7 +239,7 @@ class CorneredLift:
     def _boundaries(self) -> tuple[SplineBoundary, ...]:
         """The circles, from their first corners on."""
         circles, boundaries = self.surface.form.circles, []
-        # of edges towards a corner, unless its angle is above 180°; panels are shorter
+        # of edges towards a corner, unless its angle is above 180°. Panels are shorter
         levels = round(self.surface.form.rims.resolution.depth / math.log(4)) - len(TOWARDS_CORNER) // 2
         for rim, (centre, radius, sign) in enumerate(zip(circles.centres, circles.radii, circles.signs, strict=True)):
             arguments = self._ends(rim)

@@ -71,7 +71,7 @@ def _extents(here: CorneredSurface, step: Float[np.ndarray, " k"]) -> tuple[floa
 
 
 def _lower(here: CorneredSurface, step: Float[np.ndarray, " k"]) -> CorneredSurface | None:
-    """The surface after the longest part of a step that lowers the energy; None if short ones do not."""
+    """The surface after the longest part of a step that lowers the energy, or None if short ones do not."""
     length = 1.0
     while length > SMALL:
         there = here.stepped(length * step)

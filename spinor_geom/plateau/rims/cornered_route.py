@@ -250,7 +250,7 @@ def _fitted(problem: PlateauProblem, found: LiftedSurface) -> Fitted:
         poles=lift.poles,
         breaks=tuple(map(panel_breaks, lift.domain.boundaries)),
         degree=len(lift.hessenberg) - 1,
-        at_corner=0,  # of those to be placed; `poles` has them
+        at_corner=0,  # of those to be placed, which `poles` has
         branches=tuple(lift.branches.tolist()),
     )
     z = stage.panels.z

@@ -43,7 +43,7 @@ DENSE = 512
 # Largest step of a log modulus, or of a centre in widths of the gap. Without it Newton's method finds a surface of more
 # area than a 5-noid.
 LARGEST_STEP = 0.5
-# Largest spacing of nodes, as a share of the curve; stricter than `CROWDED` for few nodes. With 1 no surface is found
+# Largest spacing of nodes, as a share of the curve, stricter than `CROWDED` for few nodes. With 1 no surface is found
 # between a long rim and a small one near its end.
 _LARGE_PART = 0.5
 
@@ -144,7 +144,7 @@ class HarmonicSurface:
 
     @property
     def stiffness(self) -> float:
-        """Mean of |k|: the scale of second derivatives in one node; used as stiffness against rotations of Ω."""
+        """Mean of |k|, the scale of second derivatives in one node, used as stiffness against rotations of Ω."""
         return float(self.form.own.mean())
 
     @cached_property
@@ -234,7 +234,7 @@ class HarmonicSurface:
 
     @property
     def is_minimum(self) -> bool:
-        """Whether the Morse index is 0; faster than `index`."""
+        """Whether the Morse index is 0. It is faster than `index`."""
         return cholesky(self.matrix()) is not None
 
     @property
@@ -245,7 +245,7 @@ class HarmonicSurface:
 
     @cached_property
     def mixed(self) -> Float[Array, "p mn"]:
-        """Second derivatives in a modulus and arc length; 0 for fixed moduli."""
+        """Second derivatives in a modulus and arc length, 0 for fixed moduli."""
         mixed = (self.moduli.changes * self.unit).sum(-1).reshape(-1, self.count)
         return 0 * mixed if self.fixed_moduli else mixed
 

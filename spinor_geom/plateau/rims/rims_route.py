@@ -37,20 +37,20 @@ from spinor_geom.plateau.vertices.vertex_route import surface_through
 _MOST_NODES = 1 << 13  # largest number of nodes on each rim
 _PER_EDGE = 6  # first number of nodes for each edge of rough rims. With 3 solves take 7 % more steps
 # Share of the allowed distance to reach while matrices are factored. With 0.1 surfaces between smooth rims keep 1e-6 of
-# an edge instead of 1e-10, for as much time; with 0 rims of free points do not converge.
+# an edge instead of 1e-10, for as much time. With 0 rims of free points do not converge.
 _WELL_BELOW = 1e-3
 # Largest relative gradient of a critical point. With 1e-4 rims of a cube with noise get more nodes than their averages
 # need, and the surface bulges.
 _SETTLED = 1e-3
-# Width of the smoothing of noisy curves, as a share of the loop. With half of it solves take half as many steps more;
-# with twice as much rims of squares are rounded, and areas differ by 2 %.
+# Width of the smoothing of noisy curves, as a share of the loop. With half of it solves take half as many steps more.
+# With twice as much rims of squares are rounded, and areas differ by 2 %.
 _AVERAGE = 0.03
 _WITHOUT_MINIMUM = "the energy of surfaces between the rims decreases as the modulus increases, without a minimum"
 _COLLAPSED = "the energy of surfaces between the rims decreases from every start until the surface degenerates"
 
 
 def obstacle(loops: Sequence[BoundaryLoop], curves: Sequence[BoundaryCurve]) -> str | None:
-    """The reason why no connected surface spans several loops at unit size; None if no criterion applies."""
+    """The reason why no connected surface spans several loops at unit size, or None if no criterion applies."""
     if lie_beside(loops):
         return "the rims lie beside each other in one plane, and minimal surfaces between them lie in that plane"
     if len(curves) == 2 and parted_by_cone(*curves):
@@ -111,7 +111,7 @@ class RimsSolver:
         raise NoConnectedSurfaceError(_COLLAPSED)
 
     def _rounded(self, start: OrientedSurface) -> OrientedSurface | None:
-        """The last surface of the descent from a start on few nodes; None if it degenerates on twice as many too."""
+        """The last surface of the descent from a start on few nodes, or None if it degenerates on twice as many too."""
         problem, n = self._problem(start), start.surface.slides.shape[1]
         surfaces = (
             problem.stationary(problem.resampled(start.surface, count), tolerance=SMALL) for count in (n, 2 * n)
@@ -157,7 +157,7 @@ class RimsSolver:
 
     @property
     def _descended(self) -> OrientedSurface | None:
-        """The surface that `_searched` finds; None if all surfaces degenerate, or two rims need too many nodes.
+        """The surface that `_searched` finds, or None if all surfaces degenerate or two rims need too many nodes.
 
         Raises:
             UnresolvedRimsError: three rims or more need too many nodes, or have no start.
@@ -170,7 +170,7 @@ class RimsSolver:
 
     @cached_property
     def _searched(self) -> tuple[OrientedSurface | None, bool]:
-        """The first minimum of the energy from the starts, least energy first, or None; and whether nodes sufficed."""
+        """The first minimum of the energy from the starts, least energy first, or None, and whether nodes sufficed."""
         with self.problem.clock.stage("slides"):
             starts = sorted(self._starts, key=lambda start: start.surface.dirichlet_energy)
             are_resolved = len(starts) > 0
@@ -195,7 +195,7 @@ class RimsSolver:
         return None, is_resolved
 
     def _lower(self, start: OrientedSurface) -> tuple[OrientedSurface | None, bool]:
-        """The minimum of the energy from a start, with more nodes until the solve converges; and whether it does.
+        """The minimum of the energy from a start, with more nodes until the solve converges, and whether it does.
 
         None if too many nodes are needed. None and true if the modulus of two rims is too large, or the surface
         degenerates twice (once is not enough, because few nodes on a small rim may all meet in one point).
@@ -212,7 +212,7 @@ class RimsSolver:
 
     @cached_property
     def _starts(self) -> tuple[OrientedSurface, ...]:
-        """The starts; two for two rims, with the second one as given and reversed."""
+        """The starts, two for two rims, with the second one as given and reversed."""
         rims = self._rims[0]
         if len(rims) == 2:
             return tuple(start_between(*rims, FEWEST_POINTS, backward=backward) for backward in (False, True))
@@ -225,7 +225,7 @@ class RimsSolver:
 
     @cached_property
     def _averages(self) -> tuple[BoundaryCurve, ...]:
-        """For noisy loops smooth averages of the curves, with which the search starts; else the curves.
+        """For noisy loops smooth averages of the curves, with which the search starts, else the curves.
 
         2A − A², with A the average, does not shrink features much longer than its width.
         """
@@ -268,7 +268,7 @@ class RimsSolver:
     def all_critical(self) -> list[OrientedSurface]:
         """Critical points of the energy on the capacity path.
 
-        For two rims these are all for which the second loop has the direction of the start of less energy; for more,
+        For two rims these are all for which the second loop has the direction of the start of less energy, and for more
         those on the path of the minimum.
         """
         best, is_two = self._descended, len(self.problem.units) == 2
@@ -280,7 +280,7 @@ class RimsSolver:
             problem = self._problem(start)
             # half of the nodes: an eighth of the cost
             coarse = problem.resampled(start.surface, max(FEWEST_POINTS, n // 2))
-            # for two rims only the slides; `all_on_path` then varies the moduli
+            # for two rims only the slides. `all_on_path` then varies the moduli
             start_of_path = problem.stationary(
                 replace(coarse, fixed_moduli=is_two), tolerance=SMALL, saddles=not is_two
             )

@@ -33,7 +33,7 @@ SAMPLES = 1024  # of a curve, or of a function on a side
 class Resolution(NamedTuple):
     """How well corners are resolved."""
 
-    depth: float  # −log u of the last pole at a corner with α = π/2; less for larger angles
+    depth: float  # −log u of the last pole at a corner with α = π/2, less for larger angles
     degree: int  # of the Chebyshev polynomials of a side's slide
     decay: float  # σ in the distances exp(−σ(√n − √k)) of poles from a corner
     rate: float  # κ of the coordinate tanh(κ log u) of slides, at corners with angles above 180°
@@ -102,7 +102,7 @@ class Side:
     """A part of a rim between corners, or a whole rim without corners, with its nodes and the modes of its slide."""
 
     rim: int
-    corners: tuple[int, int] | None  # numbers of its ends among all corners; None for a whole rim
+    corners: tuple[int, int] | None  # numbers of its ends among all corners, or None for a whole rim
     start: float  # curve parameter of its first end
     length: float  # in the curve parameter
     exponents: tuple[float, float]  # angles of the surface at its ends, over π
@@ -326,7 +326,7 @@ class CorneredRims:
         return modes
 
     def by_modes(self, values: Float[np.ndarray, "n c"]) -> Float[np.ndarray, "k c"]:
-        """Products of the modes with values at the nodes; each mode is 0 but on one side."""
+        """Products of the modes with values at the nodes. Each mode is 0 but on one side."""
         return np.concatenate(
             [self.modes[rows, columns].T @ values[rows] for rows, columns in zip(self.rows, self.columns, strict=True)]
         )

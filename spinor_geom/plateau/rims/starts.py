@@ -102,7 +102,7 @@ def start_between(first: Rim, second: Rim, n: int, *, backward: bool) -> Oriente
     cross = (spectrum[0] * spectrum[1]).sum(-1)
     moduli = np.geomspace(2 * math.pi / n, MOST_MODULUS, 2 * n)
     own, other = multipliers(moduli, n)
-    # for all shifts of the second curve by j steps; a row for each modulus
+    # for all shifts of the second curve by j steps, in a row for each modulus
     energies = 0.5 * (own @ square)[:, None] + np.fft.irfft(other * cross, n=n)
     sizes = np.log(norm(np.roll(points, -1, axis=1) - points).sum(axis=1)).tolist()
     usual = int(np.abs(moduli - 1 - abs(sizes[0] - sizes[1])).argmin())
@@ -113,7 +113,7 @@ def start_between(first: Rim, second: Rim, n: int, *, backward: bool) -> Oriente
 
 
 def projected_starts(rims: Sequence[Rim], n: int) -> list[OrientedSurface]:
-    """Starts of three rims or more, projected onto spheres around view points; n is even.
+    """Starts of three rims or more, projected onto spheres around view points. n is even.
 
     Rims of a junction do not overlap in the projection from their centre. Those of a hole with islands do not in one
     from above. Circles that cross in all projections are made smaller.
@@ -135,7 +135,7 @@ def projected_starts(rims: Sequence[Rim], n: int) -> list[OrientedSurface]:
 def _projected(
     rims: Sequence[Rim], samples: Float[np.ndarray, "m n 3"], view: Float[np.ndarray, "3"], share: float
 ) -> OrientedSurface | None:
-    """The start from the projection around a view point; None if circles of a share of the rims' widths overlap."""
+    """The start from the projection around a view point, or None if circles of a share of the rims' widths overlap."""
     m, n = samples.shape[:2]
     away = unit(samples - view)
     mean = away.mean(axis=1)
