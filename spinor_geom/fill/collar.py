@@ -131,12 +131,15 @@ def collar_of(patched: PatchedMesh, rim: Int[np.ndarray, " m"], patch: Patch) ->
     )
 
 
-def bend_across(collar: Collar, patch: Patch) -> Bend:
-    """The bend between a patch and the mesh."""
+def bend_across(collar: Collar, patch: Patch, crease: Int[np.ndarray, " k"] | None = None) -> Bend:
+    """The bend between a patch and the mesh, but not along a crease that boundary vertices `crease` lie on."""
     vertices = np.concatenate([collar.vertices, patch.vertices[collar.boundary_size :]])
     half_edges = HalfEdges.of(np.concatenate([_numbered_after(patch, len(collar.vertices)), collar.faces]))
     here = np.arange(3 * len(patch.faces))
     across = here[half_edges.twin[here] >= len(here)]
+    if crease is not None:
+        on = np.isin([half_edges.origin[across], half_edges.target[across]], crease).all(axis=0)
+        across = across[~on]
     return _bend(half_edges, vertices, crossing_angles(half_edges, vertices), across)
 
 
@@ -265,4 +268,4 @@ def _third_form(
     for corner in faces.T:
         np.add.at(total, corner, form)
         np.add.at(weight, corner, double[:, 0])
-    return np.asarray(total / weight[:, None, None])
+    return np.asarray(total / np.maximum(weight, TINY)[:, None, None])  # points of a crease have no faces

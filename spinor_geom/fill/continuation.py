@@ -30,7 +30,7 @@ _FLATNESS, _LONG = 0.14, 1.5
 # multiple of the bend there by more than so many degrees. The ratio is at most 1.5 on spheres, cylinders, tori and
 # scans.
 _MOST_BENT, _SLIGHT_BEND = 2.0, 1.0
-_KINK = 5.0  # degrees by which the bend across the rim may exceed that of the mesh around it without a remark
+KINK = 5.0  # degrees by which the bend across the rim may exceed that of the mesh around it without a remark
 MOST_AREA = 2.0  # ratio of the areas after and before, as of hemisphere and disk. A larger patch gets a remark
 
 Start: TypeAlias = Literal["minimal", "discrete", "strip"]
@@ -145,7 +145,7 @@ class Continuation:
     @property
     def has_kink(self) -> bool:
         """Whether the patch bends across the rim by more than 5° more than the mesh around it."""
-        return self.after.rms > self.around.rms + _KINK
+        return self.after.rms > self.around.rms + KINK
 
     @property
     def remarks(self) -> tuple[str, ...]:

@@ -19,7 +19,7 @@ from functools import cached_property
 from typing import Literal, TypeAlias
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from spinor_geom.arrays import TINY
 from spinor_geom.deadline import is_out_of_time
@@ -56,6 +56,7 @@ class Faired:
     order: Order = "curvature"
     lowered: str = ""
     is_coarse: bool = False
+    crease: Int[np.ndarray, " k"] | None = None  # boundary vertices on a crease that goes on through the patch
 
     @property
     def converged(self) -> bool:

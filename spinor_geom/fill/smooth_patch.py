@@ -109,17 +109,17 @@ def _continued(patched: PatchedMesh, start: NewPatch, collar: Collar, before: Be
     """The continuation from a patch. Raises as `continue_patch`, or a SurfaceError if nothing can move."""
     if len(start.patch.vertices) == len(start.rim):
         raise SurfaceError("it has no inner vertices; a shorter target_edge_length (--edge-length) makes some")
-    creased = continue_across_crease(patched, start.rim, start.patch, collar, lengths)
-    faired = creased or continue_patch(start.patch, collar, lengths)
+    faired = continue_across_crease(patched, start.rim, start.patch, collar, lengths)
+    faired = faired or continue_patch(start.patch, collar, lengths)
     faired = replace(faired, patch=patched.as_stored(faired.patch, start.rim))
     continuation = Continuation.of(
         faired,
         collar,
         start=start.kind,
         before=before,
-        after=bend_across(collar, faired.patch),
+        after=bend_across(collar, faired.patch, faired.crease),
         area_ratio=faired.patch.area / start.patch.area,
-        crease=float(np.degrees(collar.crease_angles.max())) if creased else 0.0,
+        crease=float(np.degrees(collar.crease_angles.max())) if faired.crease is not None else 0.0,
     )
     return replace(start, patch=faired.patch, reason="", continuation=continuation)
 
