@@ -14,8 +14,8 @@ from spinor_geom.holomorphic.circular_domain import turned, turned_circles
 from spinor_geom.plateau.newton import MOST_STEPS
 from spinor_geom.plateau.rims.sides import CorneredRims, Place, Side, cluster
 
-# Poles between circles that nearly touch: the first distance from a circle, in radii, and the ratio of distances
-_FIRST_DISTANCE, _RATIO = 0.6, 0.75
+# Poles between circles that nearly touch: the ratio of distances from a circle, and the first distance in radii
+_RATIO = 0.75
 _CROWDING = 0.25  # density of nodes and modes at a gap between circles, times its width
 
 
@@ -150,12 +150,12 @@ class Circles:
             towards = self.centres[other] - self.centres[rim]
             towards = -towards if other == 0 else towards
             nearest = math.sqrt(self.gaps[rim, other] * min(radii[rim], radii[other]))
-            reach = nearest / (_FIRST_DISTANCE * radii[rim])
+            reach = nearest / (_RATIO * radii[rim])
             count = math.ceil(math.log(reach) / math.log(_RATIO)) if reach < 1 else 0
             if towards != 0 and count:
                 rims.append(np.full(count, rim))
                 directions.append(np.full(count, towards / abs(towards)))
-                distances.append(_FIRST_DISTANCE * radii[rim] * _RATIO ** np.arange(count))
+                distances.append(_RATIO * radii[rim] * _RATIO ** np.arange(count))
         rim, direction, distance = map(np.concatenate, (rims, directions, distances))
         positions = self.centres[rim] + direction * (radii[rim] + signs[rim] * distance)
         return positions, distance, np.repeat(np.arange(len(counts)), counts)

@@ -26,9 +26,8 @@ from spinor_geom.holomorphic.circular_domain import turned
 from spinor_geom.plateau.rims.circles import Circles
 from spinor_geom.plateau.rims.sides import CorneredRims, Resolution, Side, slices
 
-_NEAR = 0.05  # share of a side beside a corner, where ∂X/∂n shows the angle of the surface
-_CONTINUED = 1e-2  # least share of a side from which slides are fitted at a corner whose angle was wrong
-_SMOOTHING = 0.8  # factor of each power in holomorphic fields through the corners, so that low powers prevail
+# Share of a side beside a corner where ∂X/∂n shows the angle of the surface, and slides for a wrong angle are not used.
+_NEAR = 0.05
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -256,7 +255,7 @@ class CorneredSurface:
                 slides[columns] = self.slides[given]
                 continue
             # beyond the range of another angle, the sum of the modes is continued as a constant
-            least = [_CONTINUED if a != b else 0.0 for a, b in zip(before.exponents, after.exponents, strict=True)]
+            least = [_NEAR if a != b else 0.0 for a, b in zip(before.exponents, after.exponents, strict=True)]
             u = np.clip(after.shares[0], least[0], 1 - least[1])
             shares = np.stack([u, np.maximum(after.shares[1], least[1])])
             sums = before.base(shares) + before.modes(shares) @ self.slides[given] - after.base(shares)
@@ -326,11 +325,11 @@ class CorneredSurface:
         circles, count = self.form.circles, self.form.rims.corners
         at, k = z[:, None], np.arange(count + 3)
         power = at ** np.maximum(k - 1, 0)
-        columns = [np.stack([np.where(k > 0, power * at, 1.0), k * power]) * _SMOOTHING**k]
+        columns = [np.stack([np.where(k > 0, power * at, 1.0), k * power])]
         k = np.arange(1, count // 2 + 3)
         for c, radius in zip(circles.centres[1:], circles.radii[1:], strict=True):
             inverse = 1 / (at - c)
-            value = (radius * inverse * _SMOOTHING) ** k
+            value = (radius * inverse) ** k
             columns.append(np.stack([value, -k * value * inverse]))
         return np.concatenate(columns, axis=2)
 

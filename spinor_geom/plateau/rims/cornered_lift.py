@@ -40,10 +40,8 @@ from spinor_geom.surface.array_surface import PATH_ORDER, ArraySurface
 from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.frames import signs_close_up, spinors_from_phi
 
-_LEAST_EDGES = 6  # of a side
 # Nodes of a panel. Towards corners panels are quartered, and integrals of p² are exact to 1e-11.
 _ORDER = 8
-_REFINEMENTS = 2  # of solutions of the normal equations, to the accuracy of orthonormal functions
 _NULL = 0.3  # |φ·φ| / |φ|² below which the sign of p and q is clear
 
 
@@ -200,8 +198,8 @@ class CorneredLift:
         """Coefficients of p and q, with the signs on the boundaries for which they fit best."""
         right = self._weighted @ self._by_rim()
         found = self._solved(right)
-        for _ in range(_REFINEMENTS):
-            found += self._solved(right - self._weighted @ (self.at_nodes @ found))
+        # refined to the accuracy of orthonormal functions
+        found += self._solved(right - self._weighted @ (self.at_nodes @ found))
         by_rim = (right.reshape(len(right), -1, 2), found.reshape(len(right), -1, 2))
         agreement = np.einsum("fic,fjc->ij", by_rim[0].conj(), by_rim[1]).real
         np.fill_diagonal(agreement, 0.0)
@@ -276,7 +274,7 @@ class CorneredLift:
         gaps = np.abs(np.abs(z - circles.centres[:, None]) - circles.radii[:, None])
         longest = np.minimum(TURN_OF_AN_EDGE, np.delete(gaps, rim, axis=0).min(axis=0) / circles.radii[rim])
         edges = cumulative_trapezoid(1 / longest, at, initial=0)
-        edges *= max(math.ceil(edges[-1]), _LEAST_EDGES) / edges[-1]
+        edges *= math.ceil(edges[-1]) / edges[-1]
         return np.asarray(np.interp(np.arange(round(edges[-1]) + 1), edges, at))
 
     def _has_corners(self, rim: int) -> bool:

@@ -10,15 +10,13 @@ from jaxtyping import Float
 from spinor_geom.arrays import EPS
 from spinor_geom.deadline import require_time
 from spinor_geom.errors import UnresolvedRimsError
+from spinor_geom.plateau.harmonic.lift import WORTHWHILE
 from spinor_geom.plateau.harmonic.smooth_domain import COARSE
 from spinor_geom.plateau.newton import MORE_DAMPING, MOST_STEPS, ROUNDING, SMALL
 from spinor_geom.plateau.rims.cornered import CorneredSurface
 from spinor_geom.plateau.rims.energy import LARGEST_STEP
 from spinor_geom.plateau.steps import Steps
 
-# Newton's method ends if a step does not reduce a small expected decrease of the energy by this factor: where rims
-# nearly touch, the energy hardly depends on some slides.
-_SLOW = 0.25
 _LARGEST_OF_SLIDES = 2.0  # largest step of logit s
 # Newton's method goes on over a conformal image of Ω when the mean of holes and corners is this far from 0
 _UNEVEN = 0.2
@@ -55,7 +53,8 @@ def stationary(start: CorneredSurface, steps: Steps, negligible: float = ROUNDIN
         there = _lower(here, step)
         if there is None:
             break
-        is_slow, here, before = _SLOW * before < fall < EPS**0.5 * here.energy, there, fall
+        # where rims nearly touch, the energy hardly depends on some slides
+        is_slow, here, before = WORTHWHILE * before < fall < EPS**0.5 * here.energy, there, fall
         if fall < negligible * here.energy or is_slow:
             return here
     if fall < COARSE * here.energy:  # the residual shows whether that is near enough

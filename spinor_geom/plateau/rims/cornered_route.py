@@ -40,7 +40,6 @@ _FREQUENCIES = 20, 96  # least and largest number of frequencies of a rim withou
 _SHARP, _LEAST_TURN = 2.5, 0.5
 # Share of the allowed distance to reach if finer corners do. They take as long as all before.
 _WELL_BELOW = 1e-2
-_ANGLES_SHOW = 1e-2  # relative decrease of the energy at which the slides show the angles of the surface at corners
 
 
 def solve_with_corners(problem: PlateauProblem, oriented: OrientedSurface) -> RouteResult:
@@ -54,7 +53,7 @@ def solve_with_corners(problem: PlateauProblem, oriented: OrientedSurface) -> Ro
     """
     start = _Start.of(problem, oriented)
     with problem.clock.stage("slides"):
-        surface = stationary(start.surface, problem.steps, _ANGLES_SHOW)
+        surface = stationary(start.surface, problem.steps, COARSE)
         surface = stationary(surface.refitted(START), problem.steps, COARSE)
         surface = stationary(surface.refitted(ROUGH), problem.steps)
     found, limits = list[LiftedSurface](), ["more poles at the corners do not reduce the residual further"]

@@ -18,13 +18,12 @@ from jaxtyping import Float, Int
 from spinor_geom.plateau.curve_tensors import CurveTensors
 from spinor_geom.plateau.newton import ROUNDING
 
-_LEAST_DEPTH = 7.0
 # Nodes far from corners: so many steps for each unit of `Place`, because powers of the coordinate are no functions of
 # log u.
 _FAR = 7.0
 # Beyond the last pole of a corner, u decreases double exponentially: from exp(−_BEYOND) times its distance, in log u,
-# to 1e-8 of that.
-_BEYOND, _TAIL = 3.0, 2.8
+# to 2e-9 of that.
+_BEYOND = 3.0
 # κ of the coordinate tanh(κ log u) of slides, which are smooth in √u: powers of u are half-integers at right angles
 _RATE = 0.25
 SAMPLES = 1024  # of a curve, or of a function on a side
@@ -195,7 +194,7 @@ class Side:
 
 def _depth(exponent: float, resolution: Resolution) -> float:
     """−log u of the last pole at a corner."""
-    return float(np.clip(resolution.depth / 2 / exponent, _LEAST_DEPTH, resolution.depth))
+    return min(resolution.depth / 2 / exponent, resolution.depth)
 
 
 def cluster(exponent: float, arc: float, resolution: Resolution) -> Float[np.ndarray, " k"]:
@@ -219,7 +218,7 @@ def _nodes(
         shares = 1 / (1 + np.exp(np.stack([-logit, logit])))
         return shares, shares[0] * shares[1] * (1 + ends.sum(axis=0))
 
-    table = np.linspace(-depths[0] - _TAIL, depths[1] + _TAIL, SAMPLES)
+    table = np.linspace(-depths[0] - _BEYOND, depths[1] + _BEYOND, SAMPLES)
     steps = (table + _FAR * place(at(table)[0])[0]) / step
     wanted = np.linspace(steps[0], steps[-1], math.ceil(steps[-1] - steps[0]) + 1)
     x = np.interp(wanted, steps, table)
