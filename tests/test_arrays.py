@@ -56,17 +56,6 @@ def test_lengths_and_products_of_rows():
     np.testing.assert_allclose(norm(torch.from_numpy(u)), norm(u), rtol=1e-15)
 
 
-@pytest.mark.parametrize("adjoint", [False, True])
-@pytest.mark.parametrize("factor", [1.0, 1j])
-def test_triangular_systems(factor, adjoint):
-    rng = np.random.default_rng(0)
-    lower = np.tril(factor * rng.normal(size=(6, 6)), -1) + np.diag(rng.uniform(1, 2, 6))
-    right = factor * rng.normal(size=(6, 2))
-    matrix = lower.conj().T if adjoint else lower
-    # the condition of the matrix is below 1e3
-    np.testing.assert_allclose(matrix @ solve_lower(lower, right, adjoint=adjoint), right, atol=1e-13)
-
-
 @pytest.mark.parametrize("order", ["C", "F"])
 @pytest.mark.parametrize("dtype", [np.float32, np.float64, np.complex64, np.complex128])
 def test_triangular_factors_keep_the_precision_and_solve(dtype, order):

@@ -91,6 +91,3 @@ def test_polynomials_on_random_domains(boundary, seed, depth):
     with torch.no_grad():
         error = interpolating(boundary, 256, polynomials).value(z) - polynomials(z)
     assert float(error.abs().max()) < 1e-9
-
-
-# --- as a model -------------------------------------------------------------------------------------------------------
