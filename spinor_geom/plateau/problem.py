@@ -37,9 +37,9 @@ from spinor_geom.plateau.steps import Clock, Iteration, Steps
 MOST_FREE_POINTS = 1500  # largest number of points for surfaces through the points, whose cost grows as n³
 # Most points of a loop for the first disk, Ω and the poles. Longer loops are thinned for them. Γ uses all points.
 _MOST_START_POINTS = 240
-# The same for smooth loops with corners: the larger of this number and a multiple of the number of corners. With 24 for
-# each corner an octagon of 240 points is missed. `roughness` of such loops: with noise of 0.02 edges they take longer.
-_POINTS, _POINTS_PER_SIDE, _SMOOTH = 96, 32, 0.01
+# The same for each corner of smooth loops with corners, at least as for a triangle. With 24 an octagon of 240 points is
+# missed. `roughness` of such loops: with noise of 0.02 edges they take longer.
+_POINTS_PER_SIDE, _SMOOTH = 32, 0.01
 
 # Loops at unit size, their centre and their scale: see `PlateauProblem`.
 UnitLoops: TypeAlias = tuple[tuple[BoundaryLoop, ...], Float[np.ndarray, "3"], float]
@@ -255,7 +255,7 @@ def start_indices(loop: BoundaryLoop) -> Int[np.ndarray, " k"]:
     """
     corners, most, steps = np.flatnonzero(loop.corners), _MOST_START_POINTS, loop.edge_lengths
     if len(corners) and roughness(loop) < _SMOOTH:
-        most, steps = min(most, max(_POINTS, _POINTS_PER_SIDE * len(corners))), np.ones(len(loop))
+        most, steps = min(most, _POINTS_PER_SIDE * max(3, len(corners))), np.ones(len(loop))
     if len(loop) <= most:
         return np.arange(len(loop))
     along = np.concatenate([[0.0], np.cumsum(steps)[:-1]])

@@ -38,9 +38,9 @@ from spinor_geom.plateau.route_result import RouteResult, typed_failures
 from spinor_geom.plateau.solution import RouteName
 from spinor_geom.plateau.steps import SPENT
 
-# Fewest and most points that define Ω. Λ costs O(n³). With at most 64 solves take 6 % more steps. Solves between rims
-# begin with the fewest. Pairs of rims take a third longer with 16, and a sixth longer with 64.
-FEWEST_POINTS, _POINTS = 32, 128
+# Fewest points that define Ω. Solves between rims begin with them. Pairs of rims take a third longer with 16, and a
+# sixth longer with 64.
+FEWEST_POINTS = 32
 BATCH_NODES = 16384  # nodes of all loops in one batch. Half of it takes an eighth longer
 # Largest number of nodes per edge. Loops that need more are left to other routes: with 64 those take an eighth longer,
 # and none of them converges here.
@@ -48,8 +48,8 @@ _MOST_PER_EDGE = 16
 # The same for formulas and long loops, which have no surface through points: 5,000 noisy points need more than 16, and
 # so do formulas with jumps of the curvature.
 _MOST_PER_EDGE_OF_LONG = 64
-# Nodes of short loops on the disk, so that many loops fit in one batch. With half as many ellipses keep 4e-4 of an edge
-# instead of 3e-7.
+# Nodes of short loops on the disk, so that many loops fit in one batch, and twice the most points that define Ω, for
+# which Λ costs O(n³). With half as many ellipses keep 4e-4 of an edge instead of 3e-7, and solves take 6 % more steps.
 FEWEST_NODES = 256
 # Distance of a coarse surface over a smooth loop, in edges, beyond which a finer disk is flattened. Of 106 random loops
 # that have less, all but one converge on the first Ω. Of 31 that have more, 5 do, and 9 on the Ω of the finer disk. A
@@ -304,7 +304,7 @@ def _finished(fit: DiskFit, problem: PlateauProblem) -> RouteResult:
 
 def points_of_domain(loop: BoundaryLoop) -> int:
     """Number of points that define Ω, without those added in narrow places."""
-    return min(max(len(loop), FEWEST_POINTS), _POINTS)
+    return min(max(len(loop), FEWEST_POINTS), FEWEST_NODES // 2)
 
 
 @dataclass(kw_only=True, eq=False)

@@ -16,7 +16,7 @@ from spinor_geom.plateau.harmonic.dirichlet import DirichletForm
 from spinor_geom.plateau.misfit import TURNS_BACK
 
 COARSE = 1e-4  # relative accuracy of Λ, and thus of coarse slides. With 1e-6 solves take 1.6 times as long
-_MOST_STEPS = 4096  # largest number n of steps of ∂Ω: Λ takes 16·n² bytes
+MOST_NODES = 4096  # largest number n of steps of ∂Ω: Λ takes 16·n² bytes
 # Steps of ∂Ω per point, and width of the Gaussian that smooths ∂Ω, in points. The first pair that resolves ∂Ω is used.
 # The first one closes narrow gaps. Without it smooth loops take twice as long. Without the last one random curve 22 has
 # no Ω.
@@ -88,7 +88,7 @@ def _more_in_narrow_places(curve: BoundaryCurve, points: int) -> tuple[Float[np.
     arc = np.minimum(arc, 1 - arc) * curve.length()
     distance = np.linalg.norm(p[:, None] - p, axis=-1)
     width = np.where((arc > edge) & (TURNS_BACK * distance < arc), distance, np.inf).min(axis=1)
-    density = np.clip(edge / width, 1, _MOST_STEPS / n)
+    density = np.clip(edge / width, 1, MOST_NODES / n)
     return np.append(0, np.cumsum((density - 1) * np.diff(along))), float(density.max())
 
 
@@ -125,7 +125,7 @@ def resolved(
         shape = DomainShape(density=density, count=count, steps=steps * n, width=rounding / n)
         try:
             boundary = rounded_boundary(polygon, t, shape)
-            return shape, resolved_form(boundary, shape.steps, place, most=min(most, _MOST_STEPS))
+            return shape, resolved_form(boundary, shape.steps, place, most=min(most, MOST_NODES))
         except DomainError as error:
             failure = error
     raise failure
@@ -143,7 +143,7 @@ def rounded_boundary(
     return FourierBoundary(coefficients * np.exp(-0.5 * (2 * np.pi * k * shape.width) ** 2), shape.count)
 
 
-def resolved_form(boundary: FourierBoundary, n: int, place: Place, *, most: int = _MOST_STEPS) -> DirichletForm:
+def resolved_form(boundary: FourierBoundary, n: int, place: Place, *, most: int = MOST_NODES) -> DirichletForm:
     """Λ on n steps of ∂Ω.
 
     Raises:

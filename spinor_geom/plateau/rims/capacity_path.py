@@ -21,15 +21,14 @@ from spinor_geom.deadline import require_time
 from spinor_geom.errors import SurfaceError
 from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.plateau.harmonic.dirichlet import CirclesForm
+from spinor_geom.plateau.harmonic.harmonic_route import even
 from spinor_geom.plateau.newton import MOST_STEPS, SMALL
-from spinor_geom.plateau.rims.energy import LARGEST_STEP, HarmonicSurface, Moduli, RimsProblem
-
-_NODES = 64  # of each circle, for `mean_modulus`
+from spinor_geom.plateau.rims.energy import DENSE, LARGEST_STEP, HarmonicSurface, Moduli, RimsProblem
 
 
 def mean_modulus(domain: CircularDomain) -> float:
     """The mean modulus M = 2πm/T of m circles, T the sum of the capacities of each against the others."""
-    return _capacity(CirclesForm.of(domain, _NODES))[0]
+    return _capacity(CirclesForm.of(domain, even(DENSE // domain.rims)))[0]
 
 
 def _capacity(form: CirclesForm) -> tuple[float, Moduli]:

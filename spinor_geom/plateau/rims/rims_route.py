@@ -11,7 +11,7 @@ from scipy.interpolate import BPoly, PPoly
 from scipy.optimize import brentq
 
 from spinor_geom.arrays import EPS, TINY, Array, to_numpy
-from spinor_geom.domain.plane_domain import FourierBoundary
+from spinor_geom.domain.plane_domain import PARTS, FourierBoundary
 from spinor_geom.errors import OutOfTimeError, SurfaceError, UnresolvedRimsError
 from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.holomorphic.laurent import ROUND_OFF
@@ -21,6 +21,7 @@ from spinor_geom.plateau.curve_tensors import CurveTensors
 from spinor_geom.plateau.harmonic.harmonic_route import FEWEST_POINTS, even, points_of_domain
 from spinor_geom.plateau.harmonic.lift import WORTHWHILE, Lift, lifted_between
 from spinor_geom.plateau.harmonic.lifted_surface import circles_of, domain_of, surface_of
+from spinor_geom.plateau.harmonic.smooth_domain import MOST_NODES
 from spinor_geom.plateau.newton import MOST_STEPS, ROUNDING, SMALL
 from spinor_geom.plateau.plane_route import lie_beside
 from spinor_geom.plateau.problem import PlateauProblem
@@ -34,8 +35,6 @@ from spinor_geom.plateau.route_result import NoConnectedSurfaceError, RimsResult
 from spinor_geom.plateau.steps import SPENT
 from spinor_geom.plateau.vertices.vertex_route import surface_through
 
-_MOST_NODES = 1 << 13  # largest number of nodes on each rim
-_PER_EDGE = 6  # first number of nodes for each edge of rough rims. With 3 solves take 7 % more steps
 # Share of the allowed distance to reach while matrices are factored. With 0.1 surfaces between smooth rims keep 1e-6 of
 # an edge instead of 1e-10, for as much time. With 0 rims of free points do not converge.
 _WELL_BELOW = 1e-3
@@ -307,14 +306,14 @@ class RimsSolver:
             if lift.misfit.excess(allowed=goal, tolerance=self.problem.options.tolerance) <= 1:
                 break
             # convergence at corners is slow: continue if the extrapolated distance is small enough
-            now, doublings = tried[-1][0].misfit.rms, math.log2(_MOST_NODES / finer.slides.shape[1])
+            now, doublings = tried[-1][0].misfit.rms, math.log2(MOST_NODES / finer.slides.shape[1])
             can_reach = now > self.problem.allowed >= now * (now / before) ** doublings
             if now >= WORTHWHILE * before and (saddles or not can_reach):
                 break
             before = lift.misfit.rms
         else:
             are_spent = self.problem.steps.are_spent
-            limit = SPENT if are_spent else f"{_MOST_NODES} nodes on each rim are the largest number that is tried"
+            limit = SPENT if are_spent else f"{MOST_NODES} nodes on each rim are the largest number that is tried"
         with self.problem.clock.stage("surface"):
             domain = domain_of(lift, *self._circles(oriented, harmonic.domain))
         return RouteResult(
@@ -333,13 +332,13 @@ class RimsSolver:
         """Harmonic surfaces on the loops' own curves, with increasing numbers of nodes."""
         problem, surface = self._problem(oriented, averaged=False), oriented.surface
         if self._is_noisy:
-            n = even(_PER_EDGE * max(map(len, self.problem.units)))
+            n = even(PARTS * max(map(len, self.problem.units)))
             with self.problem.clock.stage("slides"):
                 surface = self._stationary(problem, surface, n, saddles=saddles)
         while True:
             yield surface
             n = even(2 * surface.slides.shape[1])
-            if n > _MOST_NODES or self.problem.steps.are_spent:
+            if n > MOST_NODES or self.problem.steps.are_spent:
                 return
             try:
                 with self.problem.clock.stage("slides"):

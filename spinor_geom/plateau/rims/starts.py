@@ -24,10 +24,6 @@ from spinor_geom.plateau.harmonic.dirichlet import multipliers
 from spinor_geom.plateau.rims.energy import MOST_MODULUS, HarmonicSurface
 
 _KEPT = 2  # number of starts returned. One is not enough for noisy rims on the sides of a cube
-# Distances of view points from the centre, over the largest distance of the rims from it. With the first alone there is
-# no start between a rim and five islands, with the second alone rims around a centre take three times as long.
-_VIEW_DISTANCES = (0.5, 2.0)
-
 # Shares of the circles' widths, tried in order until circles are apart: those of rims with corners, as of the faces of
 # a tetrahedron, cross though the rims do not. Above the second number, a `CircularDomain.nearness`, the first nodes do
 # not resolve the gap.
@@ -121,10 +117,9 @@ def projected_starts(rims: Sequence[Rim], n: int) -> list[OrientedSurface]:
     samples = np.stack([rim.samples(n) for rim in rims])
     middle = samples.mean(axis=1).mean(axis=0)
     axes = np.linalg.eigh(np.einsum("mni,mnj->ij", samples - middle, samples - middle))[1].T
-    size = norm(samples - middle).max()
-    views = [np.zeros(3), *(share * axis for share in _VIEW_DISTANCES for axis in (*axes, *-axes))]
+    views = norm(samples - middle).max() * np.concatenate([np.zeros((1, 3)), axes, -axes])
     for share in _SHARES_OF_WIDTHS:
-        starts = [_projected(rims, samples, middle + size * view, share) for view in views]
+        starts = [_projected(rims, samples, middle + view, share) for view in views]
         found = [start for start in starts if start is not None]
         if found:
             found.sort(key=lambda start: start.surface.dirichlet_energy)
