@@ -266,7 +266,7 @@ class NetworkSolver:
             if finer is None:
                 break
             try:
-                again = self._fitted(finer, *finer.transferred(best.stage, best.fit))
+                again = self._fitted(finer, *finer.transferred(best.stage, best.fit), near=True)
             except OutOfTimeError:  # keep the rounds so far
                 break
             if not again.misfit.rms < best.misfit.rms:
@@ -319,9 +319,18 @@ class NetworkSolver:
             last = fit.residual
         return replace(self._fitted(stage, readout, slide), folds=folds)
 
-    def _fitted(self, stage: Discretisation, readout: Complex[Array, "n 2"], slide: Float[Array, " nodes"]) -> Fitted:
-        fit = gauss_newton(stage.problem, readout, slide, allowed=self.problem.allowed, steps=self.problem.steps)
-        return self._measured(stage, fit)
+    def _fitted(
+        self,
+        stage: Discretisation,
+        readout: Complex[Array, "n 2"],
+        slide: Float[Array, " nodes"],
+        *,
+        near: bool = False,
+    ) -> Fitted:
+        allowed, steps = self.problem.allowed, self.problem.steps
+        return self._measured(
+            stage, gauss_newton(stage.problem, readout, slide, allowed=allowed, steps=steps, near=near)
+        )
 
     def _measured(self, stage: Discretisation, fit: Fit) -> Fitted:
         misfit, energy = independent_residual(stage, fit, points=sum(map(len, self.problem.units)))
