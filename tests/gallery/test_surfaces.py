@@ -7,17 +7,6 @@ from spinor_geom.errors import OptionError
 from spinor_geom.gallery import catenoid, enneper, helicoid, plane_disk, polynomial
 
 
-@pytest.mark.parametrize("known", [enneper(0.8), catenoid(0.5), helicoid(), plane_disk()], ids=lambda known: known.name)
-def test_rim_lies_on_the_boundary_of_the_surface(known):
-    loop = known.rim(40)
-    boundary = known.surface.domain.boundary
-    assert len(loop) == 40
-    assert loop.corners.sum() == boundary.corners.sum()
-    dense = known.position(boundary.point(np.arange(4000) / 4000))
-    distance = np.linalg.norm(loop.points[:, None] - dense, axis=2).min(axis=1)
-    assert distance.max() < np.linalg.norm(np.diff(dense, axis=0), axis=1).max()
-
-
 def test_catenoid_rims_are_unit_circles_at_the_given_height():
     known = catenoid(0.5)
     neck = known.position(np.array(0j))[0]

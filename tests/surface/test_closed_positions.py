@@ -53,23 +53,6 @@ def test_closed_positions_equal_quadrature_on_every_surface_of_the_model(seed, a
     np.testing.assert_allclose(surface.position(z), expected, rtol=0, atol=1e-12 * np.abs(expected).max())
 
 
-def test_surfaces_of_thousands_of_terms_are_conformal():
-    terms = 4000
-    powers = 0.995 ** torch.arange(terms, dtype=torch.float64) / torch.arange(1, terms + 1)
-    model = PowerSeries(torch.stack([powers + 0j, 1j * powers.flip(0)], dim=-1))
-    surface = SpinorSurface(model, PlaneDomain.disk(n=64))
-    # of a size at which differences of fourth order are exact to 1e-9, where the surface is as smooth
-    z, h = 0.9 * np.exp(2j * np.pi * np.arange(20) / 20), 1e-3
-    steps = np.array([-2, -1, 1, 2]) * h
-    weights = np.array([1, -8, 8, -1]) / (12 * h)
-    x = np.einsum("k,nki->ni", weights, surface.position(z[:, None] + steps))
-    y = np.einsum("k,nki->ni", weights, surface.position(z[:, None] + 1j * steps))
-    factor = surface.conformal_factor(z)
-    np.testing.assert_allclose((x * x).sum(axis=1), factor**2, rtol=1e-6)
-    np.testing.assert_allclose((y * y).sum(axis=1), factor**2, rtol=1e-6)
-    assert np.abs((x * y).sum(axis=1) / factor**2).max() < 1e-6
-
-
 # --- by quadrature ----------------------------------------------------------------------------------------------------
 
 
