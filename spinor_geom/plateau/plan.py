@@ -17,7 +17,7 @@ from spinor_geom.mesh.curve import SAMPLES_PER_PIECE, BoundaryCurve
 from spinor_geom.plateau.annulus import RimDisks
 from spinor_geom.plateau.disk_search import ThinnedLoop, find_disks, lower_beside, replace_unstable
 from spinor_geom.plateau.harmonic.harmonic_route import FLATTENING, UNIT_DISK, HarmonicSolver
-from spinor_geom.plateau.network.network_route import NETWORK, PARTS_OF_A_SIDE
+from spinor_geom.plateau.network.network_route import NETWORK
 from spinor_geom.plateau.options import Options
 from spinor_geom.plateau.plane_route import PLANE, lie_in_plane
 from spinor_geom.plateau.problem import PlateauProblem, Route
@@ -31,6 +31,9 @@ from spinor_geom.plateau.vertices.vertex_route import THROUGH_POINTS
 # Elongation above which the nodes are too crowded on the unit disk: the residual is 1e-8 of an edge at 2.4, and above
 # the tolerance at 4.
 _DISK_ELONGATION = 2.5
+# Number of pieces per side of polygons given by their corners alone: with 8 the residual of the tetrahedron's
+# quadrilateral is 1e-6 of a side, undivided 1e-2.
+_PARTS_OF_A_SIDE = 8
 
 
 def plan(problem: PlateauProblem) -> tuple[Route, ...]:
@@ -282,10 +285,10 @@ def _lower_on_disk(problem: PlateauProblem, solution: PlateauSolution) -> Platea
 def _on_divided_sides(problem: PlateauProblem) -> PlateauSolution:
     """The disk over a polygon that is given by its corners. Points on the sides are added for the fit."""
     loop = problem.loop
-    share = np.arange(PARTS_OF_A_SIDE)[:, None] / PARTS_OF_A_SIDE
+    share = np.arange(_PARTS_OF_A_SIDE)[:, None] / _PARTS_OF_A_SIDE
     points = loop.points[:, None] + share * (shifted(loop.points, -1, axis=0) - loop.points)[:, None]
-    whole = BoundaryLoop.from_points(points.reshape(-1, 3), corners=PARTS_OF_A_SIDE * np.arange(len(loop)))
-    finer = replace(PlateauProblem.of([whole], problem.options), steps=problem.steps, parts=PARTS_OF_A_SIDE)
+    whole = BoundaryLoop.from_points(points.reshape(-1, 3), corners=_PARTS_OF_A_SIDE * np.arange(len(loop)))
+    finer = replace(PlateauProblem.of([whole], problem.options), steps=problem.steps, parts=_PARTS_OF_A_SIDE)
     solution = minimal_disk(finer, plan(finer))
     rim = replace(solution.rims[0], loop=loop, curve=problem.curve.placed(loop.points, loop.diagonal))
     return replace(solution, rims=(rim,))

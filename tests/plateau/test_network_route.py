@@ -58,3 +58,13 @@ def test_networks_of_smooth_loops_with_corners_are_small(with_bump):
     solution = solve_plateau(loop)
     # with points of equal distance along the loop the bump is missed, and the fit does not converge
     assert (solution.route, solution.converged) == ("network", True)
+
+
+def test_straight_sides_of_one_edge_are_divided_for_the_first_surface():
+    # beside undivided ones Ω had a kink where the bent side turns its other way, and the residual was 4e-5
+    t = np.arange(33)[:-1, None] / 32
+    bent = t * [3, 0, 0] + t * (1 - t) * (1 - 2 * t) * [0, 6, 0] + t * (1 - t) * [0, 0, 3]
+    loop = BoundaryLoop.from_points(np.concatenate([bent, [[3, 0, 0], [1, 4, 0]]]), corners=[0, 32, 33])
+    solution = solve_plateau(loop, tolerance=1e-5)
+    assert solution.route == "network"
+    assert solution.boundary_residual.max < 1e-6 * solution.diagonal  # what patches for CAD need
