@@ -35,9 +35,9 @@ from spinor_geom.shown import shortened
 from spinor_geom.surface.array_surface import ArraySurface
 
 _OF_TOLERANCE = 0.01  # accuracy of positions, relative to the tolerance
-# Most times that a solve is continued, the share of the allowed distance that it is continued to, and the relative
-# difference of areas beyond which the surface found is another one over the same curves.
-_CONTINUED, _BELOW, _SAME_AREA = 2, 0.5, 1e-3
+# Share of the allowed distance that a solve is continued to, and the relative difference of areas beyond which the
+# surface found is another one over the same curves.
+_BELOW, _SAME_AREA = 0.5, 1e-3
 _FARTHEST = 0.5  # boundary residual, per mean edge, above which no case was met whose boundary runs along Γ
 _AROUND, _ROUNDING = 256, 1e-12  # points of a rim for its diagonal, and tolerance of exact patches
 _ROUNDINGS = 16  # of a position, that interpolation adds up: 8 were measured
@@ -198,6 +198,7 @@ def nurbs_surface(solution: PlateauSolution, tolerance: float) -> NurbsSurface:
         return _plane(solution, tolerance, diagonal)
     far = max(float(np.abs(rim.loop.points).max()) for rim in solution.rims)
     rounding = _ROUNDINGS * float(np.finfo(np.float64).eps) * far
+    may_continue = solution.solved_to is not None
     if rounding < tolerance * diagonal:
         solution = _within(solution, tolerance * diagonal)
     disk, missed = PolynomialDisk.of(solution.array_surface), solution.boundary_residual.max
@@ -227,11 +228,7 @@ def nurbs_surface(solution: PlateauSolution, tolerance: float) -> NurbsSurface:
         reason = (
             f"{reason}, but the rims are moved by the boundary residual of the solution, {moved / diagonal:.1e} of the "
             f"diagonal, above the tolerance {tolerance:.1e}: "
-            + (
-                "solve with a smaller tolerance"
-                if solution.solved_to is None
-                else "no solve in the given time was nearer"
-            )
+            + ("no solve in the given time was near enough" if may_continue else "solve with a smaller tolerance")
         )
     elif not within:
         reason = f"{reason}, above the tolerance {tolerance:.1e}: more control points were not tried"
@@ -275,15 +272,16 @@ def _plane(solution: PlateauSolution, tolerance: float, diagonal: float) -> Nurb
 def _within(solution: PlateauSolution, allowed: float) -> PlateauSolution:
     """The solution, solved again if its boundary is farther from the curves than allowed, in mesh units.
 
-    The given solution is kept if no other is nearer, or if that is another surface over the same curves.
+    The given solution is kept if no other is nearer, or if that is another surface over the same curves. A solve that
+    missed its own tolerance is not followed by another one.
     """
-    solve, residual = solution.solved_to, solution.boundary_residual
-    tolerance = residual.rms_per_edge
-    for _ in range(_CONTINUED):
+    solve, tolerance = solution.solved_to, solution.boundary_residual.rms_per_edge
+    while solve is not None and not is_out_of_time():
+        residual = solution.boundary_residual
         missed = residual.max / allowed
-        if solve is None or missed <= 1 or is_out_of_time():
+        if missed <= 1:
             break
-        tolerance *= _BELOW / missed
+        tolerance = min(tolerance, residual.rms_per_edge) * _BELOW / missed
         try:
             with time_limit(seconds_left() / 2):  # the rest is for the patches
                 again = solve(tolerance)
@@ -291,9 +289,11 @@ def _within(solution: PlateauSolution, allowed: float) -> PlateauSolution:
             break
         if isinstance(again, NoConnectedSurface) or abs(again.area - solution.area) > _SAME_AREA * solution.area:
             break
-        if again.boundary_residual.max < residual.max:
-            solution, residual = again, again.boundary_residual
-            tolerance = min(tolerance, residual.rms_per_edge)
+        if not again.boundary_residual.max < residual.max:
+            break
+        solution = again
+        if not again.converged:
+            break
     return solution
 
 

@@ -160,7 +160,21 @@ def test_refinement_ends_at_the_residual_of_the_solution() -> None:
 def test_no_smaller_tolerance_is_advised_where_one_was_tried_in_vain() -> None:
     solution = spinor_geom.solve_plateau(curves.l_shape(0.5))
     surface = replace(solution, solved_to=lambda tolerance: solution).to_nurbs(tolerance=1e-6)
-    assert "no solve in the given time was nearer" in surface.reason
+    assert "no solve in the given time was near enough" in surface.reason
+
+
+def test_a_solve_that_missed_its_tolerance_is_used_and_ends_the_search() -> None:
+    solution = spinor_geom.solve_plateau(curves.l_shape(0.5))
+    tried = []
+
+    def solved_to(tolerance: float) -> PlateauSolution:
+        tried.append(tolerance)
+        nearer = spinor_geom.solve_plateau(curves.l_shape(0.5), tolerance=1e-4)  # and no nearer than this
+        return replace(nearer, solved_to=None, converged=False)
+
+    surface = replace(solution, solved_to=solved_to).to_nurbs()
+    assert len(tried) == 1
+    assert "no solve in the given time was near enough" in surface.reason
 
 
 def test_a_solve_is_continued_to_the_tolerance_of_patches() -> None:

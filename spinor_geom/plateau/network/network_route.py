@@ -73,9 +73,7 @@ class _Side:
         return np.asarray(np.pi - np.arctan2(sine, cosine))
 
     @classmethod
-    def of(
-        cls, number: int, loop: BoundaryLoop, curve: BoundaryCurve, *, backward: bool, longest: float
-    ) -> _Side:
+    def of(cls, number: int, loop: BoundaryLoop, curve: BoundaryCurve, *, backward: bool, longest: float) -> _Side:
         """The loop with its `start_indices`, and more points between those farther apart than a share of its length."""
         if backward:
             loop, curve = loop.reversed(), curve.reversed()
