@@ -53,6 +53,9 @@ class RouteResult:
         return self.surface_at(1.0, np.zeros(3))
 
 
+COLLAPSED = "the energy of surfaces between the rims decreases from every start until the surface degenerates"
+
+
 class NoConnectedSurfaceError(Exception):
     """No connected minimal surface spans several loops. The message gives the reason."""
 

@@ -143,6 +143,21 @@ def test_a_mast_beside_the_middle_of_a_frame():
     assert solution.area == pytest.approx(418.98298, rel=1e-7)  # by the network on an annulus
 
 
+@pytest.mark.parametrize(
+    ("radius", "height", "area"),
+    # by the network on an annulus, which is 2e-5 and 1e-8 of an edge from the curves
+    [(2.5, 4.9, 432.7214492), (0.02, 0.0967, 400.0037005168)],
+)
+def test_masts_far_from_the_middle(radius, height, area):
+    # on few equal steps of the circles the search lost the first mast. Poles that few nodes resolve made the energy of
+    # the second one jump
+    place = (5, 5) if radius > 1 else (6, 3)
+    solution = solve_plateau([polygon(10 * SQUARE, 8), sampled(ring(radius, height, centre=place), 32)])
+    assert solution.route == "network on circles"
+    assert solution.boundary_residual.rms_per_edge < 1e-5
+    assert solution.area == pytest.approx(area, rel=1e-7)
+
+
 def test_a_roof_keeps_its_corners():
     solution = tent()
     assert solution.converged
@@ -249,8 +264,9 @@ def test_small_arcs_are_corners_from_afar():
     np.testing.assert_allclose(np.abs(at[:, :2]), 9.5 + 0.5 * 0.5**0.5, atol=0.05)
 
 
-def test_masts_above_the_last_surface_have_none():
-    answer = solve_plateau(roof(10.0, masts=2))
+@pytest.mark.parametrize(("height", "masts"), [(6.0, 1), (10.0, 2)])
+def test_masts_above_the_last_surface_have_none(height, masts):
+    answer = solve_plateau(roof(height, masts=masts))
     assert isinstance(answer, NoConnectedSurface)
     assert "surface degenerates" in answer.reason
 

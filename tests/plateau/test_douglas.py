@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from spinor_geom import gallery
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau.curve_tensors import CurveTensors
-from spinor_geom.plateau.harmonic.douglas import Slides, minimise_dirichlet_energies, resampled, slide_downhill
+from spinor_geom.plateau.harmonic.douglas import Slides, minimise_dirichlet_energies, resampled, slid, slide_downhill
 from spinor_geom.plateau.newton import _line_search
 from spinor_geom.plateau.threads import one_thread
 from tests.loops import noisy_ellipse
@@ -119,6 +119,12 @@ def test_no_step_is_too_long_for_the_slide_to_increase(size):
     moved, _ = _line_search(state, size * direction, state.energy)
     assert (increments(moved.slide[0]) > 0).all()
     assert float(moved.energy[0]) <= float(state.energy[0]) * (1 + 1e-12)
+
+
+def test_nodes_in_one_point_move_without_overflow():
+    # an increment of 0 was a division by 1e-300, whose square overflows
+    moved = slid(np.array([[0.0, 0.25, 0.25, 0.5]]), np.array([[0.0, 1.0, 0.0, 0.0]]), 1.0)
+    assert (increments(moved[0]) >= 0).all()
 
 
 # --- several curves at once -------------------------------------------------------------------------------------------

@@ -268,7 +268,7 @@ def _orthonormal(rows: Float[Array, "b 3 n"]) -> Float[Array, "b 3 n"]:
 def slid(slide: Float[Array, "b n"], direction: Float[Array, "b n"], length: float) -> Float[Array, "b n"]:
     """Slides after a step along a direction. The step scales the increments, which stay positive."""
     xp, increments = namespace(slide), closed_steps(slide)
-    change = length * (shifted(direction, -1) - direction) / xp.clip(increments, 1e-300, None)
+    change = length * (shifted(direction, -1) - direction) / xp.clip(increments, 1e-150, None)  # has a square
     # positive, and 1 + change up to third order
     factor = xp.where(change < 0, 1 / (1 - change + change**2), 1 + change)
     scaled = increments * factor

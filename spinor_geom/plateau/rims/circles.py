@@ -149,7 +149,9 @@ class Circles:
         for rim, other in zip(*np.nonzero(~np.eye(len(radii), dtype=bool)), strict=True):
             towards = self.centres[other] - self.centres[rim]
             towards = -towards if other == 0 else towards
-            nearest = math.sqrt(self.gaps[rim, other] * min(radii[rim], radii[other]))
+            gap = self.gaps[rim, other]
+            # of the limit of the images of each circle in the other one
+            nearest = math.sqrt(gap * (gap + min(radii[rim], radii[other])))
             reach = nearest / (_RATIO * radii[rim])
             count = math.ceil(math.log(reach) / math.log(_RATIO)) if reach < 1 else 0
             if towards != 0 and count:

@@ -15,6 +15,7 @@ from spinor_geom.plateau.harmonic.smooth_domain import COARSE
 from spinor_geom.plateau.newton import MORE_DAMPING, MOST_STEPS, ROUNDING, SMALL
 from spinor_geom.plateau.rims.cornered import CorneredSurface
 from spinor_geom.plateau.rims.energy import LARGEST_STEP
+from spinor_geom.plateau.route_result import COLLAPSED, NoConnectedSurfaceError
 from spinor_geom.plateau.steps import Steps
 
 _LARGEST_OF_SLIDES = 2.0  # largest step of logit s
@@ -29,6 +30,7 @@ def stationary(start: CorneredSurface, steps: Steps, negligible: float = ROUNDIN
     the unit disk are free: modes represent some images of a surface better than others.
 
     Raises:
+        NoConnectedSurfaceError: a hole shrinks to a point.
         OutOfTimeError: time ran out.
         UnresolvedRimsError: the steps do not converge.
     """
@@ -57,6 +59,9 @@ def stationary(start: CorneredSurface, steps: Steps, negligible: float = ROUNDIN
         is_slow, here, before = WORTHWHILE * before < fall < EPS**0.5 * here.energy, there, fall
         if fall < negligible * here.energy or is_slow:
             return here
+    radii = here.form.circles.radii[1:]
+    if (gradient[len(here.slides) + here.form.rims.corners :].reshape(-1, 3)[:, 2] > here.energy * radii).any():
+        raise NoConnectedSurfaceError(COLLAPSED)
     if fall < COARSE * here.energy:  # the residual shows whether that is near enough
         return here
     raise UnresolvedRimsError(rims=len(here.form.circles.centres), failure="does not converge")

@@ -1,12 +1,12 @@
-"""Minimal surfaces between several rims of which some have corners: a start on few nodes, Newton's method, and a lift.
+"""Minimal surfaces between several rims of which some have corners: starts, Newton's method, and a lift.
 
-The start is a harmonic surface with rounded corners. `stationary` finds the harmonic surface with the corners, and
-`CorneredLift` p and q. Where their surface is too far from Γ, corners are resolved better.
+`stationary` finds the harmonic surface with the corners from a projection of the rims, and `CorneredLift` p and q.
+Where their surface is too far from Γ, corners are resolved better.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,7 +16,7 @@ from jaxtyping import Complex, Float
 
 from spinor_geom.arrays import EPS, NUMPY, norm, to_numpy, unit
 from spinor_geom.domain.plane_domain import panel_breaks
-from spinor_geom.errors import OutOfTimeError, SurfaceError
+from spinor_geom.errors import OutOfTimeError, SurfaceError, UnresolvedRimsError
 from spinor_geom.holomorphic.cauchy import sign_changing
 from spinor_geom.holomorphic.circular_domain import CircularDomain, centring, turned
 from spinor_geom.mesh.curve import BoundaryCurve
@@ -32,7 +32,14 @@ from spinor_geom.plateau.rims.cornered_lift import CorneredLift, LiftedSurface
 from spinor_geom.plateau.rims.cornered_newton import stationary
 from spinor_geom.plateau.rims.sides import FINE, ROUGH, SAMPLES, START, CorneredRims, Side
 from spinor_geom.plateau.rims.starts import OrientedSurface
-from spinor_geom.plateau.route_result import FAILURES, RimsResult, RouteResult, typed_failures
+from spinor_geom.plateau.route_result import (
+    COLLAPSED,
+    FAILURES,
+    NoConnectedSurfaceError,
+    RimsResult,
+    RouteResult,
+    typed_failures,
+)
 from spinor_geom.plateau.steps import SPENT
 
 _FREQUENCIES = 20, 96  # least and largest number of frequencies of a rim without corners
@@ -42,20 +49,40 @@ _SHARP, _LEAST_TURN = 2.5, 0.5
 _WELL_BELOW = 1e-2
 
 
-def solve_with_corners(problem: PlateauProblem, oriented: OrientedSurface) -> RouteResult:
-    """The minimal surface near a harmonic one with rounded corners.
+def solve_with_corners(problem: PlateauProblem, starts: Sequence[OrientedSurface]) -> RouteResult:
+    """The minimal surface near a harmonic one, from the first start of least energy that leads to one.
 
     Raises:
+        NoConnectedSurfaceError: the energy decreases from every start until the surface degenerates.
         OutOfTimeError: time ran out.
-        UnresolvedRimsError: Newton's method does not converge.
+        UnresolvedRimsError: there is no start, or Newton's method does not converge.
         SurfaceError: the surface has a branch point.
         DomainError: the polygon of ∂Ω crosses itself.
     """
-    start = _Start.of(problem, oriented)
+    error: UnresolvedRimsError | None = None
     with problem.clock.stage("slides"):
-        surface = stationary(start.surface, problem.steps, COARSE)
-        surface = stationary(surface.refitted(START), problem.steps, COARSE)
-        surface = stationary(surface.refitted(ROUGH), problem.steps)
+        given = [_Start.of(problem, oriented) for oriented in starts]
+        given.sort(key=lambda start: start.surface.energy)
+    for start in given:
+        surface: CorneredSurface | None
+        try:
+            with problem.clock.stage("slides"):
+                surface = stationary(start.surface, problem.steps, COARSE)
+                surface = stationary(surface.refitted(START), problem.steps, COARSE)
+                surface = stationary(surface.refitted(ROUGH), problem.steps)
+        except UnresolvedRimsError as failure:
+            error, surface = failure, None
+        except NoConnectedSurfaceError:
+            surface = None
+        if surface is not None:
+            return _minimal(problem, start, surface)
+    if error or not starts:
+        raise error or UnresolvedRimsError(rims=len(problem.units), failure="has no start")
+    raise NoConnectedSurfaceError(COLLAPSED)
+
+
+def _minimal(problem: PlateauProblem, start: _Start, surface: CorneredSurface) -> RouteResult:
+    """The minimal surface near a harmonic one, with corners as fine as its distance from Γ needs."""
     found, limits = list[LiftedSurface](), ["more poles at the corners do not reduce the residual further"]
     with suppress(SurfaceError):  # the signs of p and q may be unclear near corners of a coarse surface
         found.append(_lifted(problem, start, surface))
@@ -69,7 +96,7 @@ def solve_with_corners(problem: PlateauProblem, oriented: OrientedSurface) -> Ro
         with _improvement(limits):
             fitted = _fitted(problem, best)
             if fitted.misfit.rms < best.misfit.rms:
-                rims_result = _rims_result(best, oriented, period=0.0)  # of the surface before the fit
+                rims_result = _rims_result(best, start.oriented, period=0.0)  # of the surface before the fit
                 return NetworkSolver(problem=problem).result(fitted, start.curves, "network on circles", rims_result)
     surface_found = best.surface(problem.options.place)
     return RouteResult(
@@ -81,7 +108,7 @@ def solve_with_corners(problem: PlateauProblem, oriented: OrientedSurface) -> Ro
         area=best.lift.surface.energy,
         route="network on circles",
         limit=limits[-1],
-        rims_result=_rims_result(best, oriented, period=surface_found.largest_period()),
+        rims_result=_rims_result(best, start.oriented, period=surface_found.largest_period()),
     )
 
 
@@ -106,6 +133,7 @@ def _lifted(problem: PlateauProblem, start: _Start, surface: CorneredSurface) ->
 class _Start:
     """A harmonic surface over equal steps of circles, made to start `stationary`."""
 
+    oriented: OrientedSurface
     curves: tuple[BoundaryCurve, ...]  # in the order and direction of ∂Ω
     arguments: Float[np.ndarray, "m n"]  # of the nodes on their circles, in the direction of ∂Ω
     slides: Float[np.ndarray, "m n"]
@@ -128,6 +156,7 @@ class _Start:
         for point in points:
             z = turned(z, point)
         return cls(
+            oriented=oriented,
             curves=curves,
             arguments=_unwrapped(z, circles.centres),
             slides=slides,
@@ -144,7 +173,7 @@ class _Start:
         """Probable angles of the surface at all corners, over π."""
         return np.concatenate(list(map(self._exponents, range(len(self.curves)), self._corners)))
 
-    @property
+    @cached_property
     def surface(self) -> CorneredSurface:
         """The start of Newton's method."""
         corners, exponents = self._corners, self.exponents

@@ -31,7 +31,7 @@ from spinor_geom.plateau.rims.cornered_route import solve_with_corners
 from spinor_geom.plateau.rims.energy import DENSE, HarmonicSurface, RimsProblem
 from spinor_geom.plateau.rims.starts import OrientedSurface, Rim, projected_starts, start_between
 from spinor_geom.plateau.roughness import ROUGH_GRADIENT, is_rough, negligible_energy
-from spinor_geom.plateau.route_result import NoConnectedSurfaceError, RimsResult, RouteResult
+from spinor_geom.plateau.route_result import COLLAPSED, NoConnectedSurfaceError, RimsResult, RouteResult
 from spinor_geom.plateau.steps import SPENT
 from spinor_geom.plateau.vertices.vertex_route import surface_through
 
@@ -45,7 +45,6 @@ _SETTLED = 1e-3
 # With twice as much rims of squares are rounded, and areas differ by 2 %.
 _AVERAGE = 0.03
 _WITHOUT_MINIMUM = "the energy of surfaces between the rims decreases as the modulus increases, without a minimum"
-_COLLAPSED = "the energy of surfaces between the rims decreases from every start until the surface degenerates"
 
 
 def obstacle(loops: Sequence[BoundaryLoop], curves: Sequence[BoundaryCurve]) -> str | None:
@@ -96,27 +95,8 @@ class RimsSolver:
         return not self._is_noisy and any(curve.corners.any() for curve in self.problem.curves)
 
     def on_own_nodes(self) -> RouteResult:
-        """The surface between rims with as many nodes as each needs, near the first one on few equal steps of circles.
-
-        Such steps do not resolve corners. If few of them do not settle, Newton's method with the corners still does.
-        """
-        with self.problem.clock.stage("slides"):
-            starts = sorted(self._projected, key=lambda start: start.surface.dirichlet_energy)
-            rounded = next((lower for start in starts if (lower := self._rounded(start)) is not None), None)
-        if rounded is not None:
-            return solve_with_corners(self.problem, rounded)
-        if len(self.problem.units) == 2 or not starts:
-            raise SurfaceError("no surface was found between the rims on few nodes")
-        raise NoConnectedSurfaceError(_COLLAPSED)
-
-    def _rounded(self, start: OrientedSurface) -> OrientedSurface | None:
-        """The last surface of the descent from a start on few nodes, or None if it degenerates on twice as many too."""
-        problem, n = self._problem(start), start.surface.slides.shape[1]
-        surfaces = (
-            problem.stationary(problem.resampled(start.surface, count), tolerance=SMALL) for count in (n, 2 * n)
-        )
-        lower = next((surface for surface in surfaces if not surface.falls_apart), None)
-        return None if lower is None else replace(start, surface=lower)
+        """The surface between rims with as many nodes as each needs."""
+        return solve_with_corners(self.problem, self._projected)
 
     def on_circles(self) -> RouteResult:
         """The minimal surface of least energy found, or the one with the modulus nearest to that of the options."""
@@ -130,7 +110,7 @@ class RimsSolver:
             if best is None and len(self.problem.units) == 2:
                 best = min(self._stable(), key=lambda oriented: oriented.surface.dirichlet_energy, default=None)
         if best is None:
-            raise NoConnectedSurfaceError(_COLLAPSED if len(self.problem.units) > 2 else _WITHOUT_MINIMUM)
+            raise NoConnectedSurfaceError(COLLAPSED if len(self.problem.units) > 2 else _WITHOUT_MINIMUM)
         return self.fitted(best)
 
     def through_points(self) -> RouteResult:

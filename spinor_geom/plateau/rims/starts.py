@@ -122,7 +122,8 @@ def projected_starts(rims: Sequence[Rim], n: int) -> list[OrientedSurface]:
         starts = [_projected(rims, samples, middle + view, share) for view in views]
         found = [start for start in starts if start is not None]
         if found:
-            found.sort(key=lambda start: start.surface.dirichlet_energy)
+            # few nodes do not show the energy where they crowd
+            found.sort(key=lambda start: (start.surface.crowded, start.surface.dirichlet_energy))
             return [start.with_first_as_given() for start in found[:_KEPT]]
     return []
 
