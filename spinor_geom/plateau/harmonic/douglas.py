@@ -32,9 +32,9 @@ from spinor_geom.plateau.harmonic.dirichlet import DirichletForm, frequencies
 from spinor_geom.plateau.newton import SMALL, Rows, conjugate_gradients, dots, stationary
 from spinor_geom.plateau.stability import AMPLITUDES
 
-# Largest spacing of neighbouring nodes on Γ, over the mean spacing. If it is exceeded, the other nodes are crowded.
-# Without this limit such solves take twice as many steps, and end elsewhere.
-CROWDED = 40.0
+# Largest spacing of nodes, as a share of Γ: the other nodes are crowded. With 1 no surface is found between a long rim
+# and a small one near its end.
+CROWDED = 0.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -182,7 +182,7 @@ class Slides:
     def is_over(self) -> Bool[Array, " b"]:
         """Whether nodes crowd or the energy is not finite."""
         xp = namespace(self.slide)
-        return (xp.max(self._increments, axis=-1) * self.slide.shape[1] > CROWDED) | ~xp.isfinite(self.size)
+        return (xp.max(self._increments, axis=-1) > CROWDED) | ~xp.isfinite(self.size)
 
     @cached_property
     def gauge(self) -> Float[Array, "b 3 n"]:

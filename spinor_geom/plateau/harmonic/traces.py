@@ -22,11 +22,10 @@ from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.holomorphic.interpolant import CauchyInterpolant
 from spinor_geom.holomorphic.laurent import ROUND_OFF, LaurentSeries, parts_on_circles, sums_on_circles
 from spinor_geom.holomorphic.series import PowerSeries, power_table
+from spinor_geom.mesh.interpolation import ANALYTIC_DEGREE
 from spinor_geom.plateau.harmonic.dirichlet import CirclesForm, DirichletForm, derivative
 from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.frames import signs_close_up, spinors_from_phi
-
-_DEGREE = 8  # degree of corrections of p and q: 4 and 16 give equal distances, 16 and 32 take longer
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -95,7 +94,7 @@ class OnCircles:
 
     @property
     def _few(self) -> int:
-        return min(_DEGREE + 1, self.nodes // 2)
+        return min(ANALYTIC_DEGREE + 1, self.nodes // 2)
 
     def model_of(self, spinors: Complex[Array, "2 m k"]) -> Callable[[], PowerSeries | LaurentSeries]:
         """A function that makes the model of p and q. It stores only a copy of their coefficients."""
@@ -134,7 +133,7 @@ class OnCurve:
     def powers(self) -> Complex[Array, "f 1 n"]:
         """Orthonormal polynomials of low degree."""
         z, dz = grid_of(self.boundary, self.nodes, place_of(self.kernel))
-        return arnoldi_basis(z, abs(dz) / abs(dz).sum(), _DEGREE)[1].mT[:, None]
+        return arnoldi_basis(z, abs(dz) / abs(dz).sum(), ANALYTIC_DEGREE)[1].mT[:, None]
 
     @property
     def powers_at_nodes(self) -> Complex[Array, "f 1 n"]:

@@ -39,13 +39,9 @@ MOST_MODULUS = 20.0  # above it, rims influence each other by less than 1e-9: th
 # Number of nodes on all rims up to which matrices are factored. With twice or half as many, pairs of rims take an
 # eighth longer.
 DENSE = 512
-
 # Largest step of a log modulus, or of a centre in widths of the gap. Without it Newton's method finds a surface of more
 # area than a 5-noid.
 LARGEST_STEP = 0.5
-# Largest spacing of nodes, as a share of the curve, stricter than `CROWDED` for few nodes. With 1 no surface is found
-# between a long rim and a small one near its end.
-_LARGE_PART = 0.5
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -111,7 +107,7 @@ class HarmonicSurface:
     @property
     def crowded(self) -> bool:
         """Whether a large part of a curve has no nodes."""
-        return bool(closed_steps(self.slides).max() > min(CROWDED / self.slides.shape[1], _LARGE_PART))
+        return bool(closed_steps(self.slides).max() > CROWDED)
 
     @property
     def is_apart(self) -> bool:

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from spinor_geom.plateau.curve_tensors import CurveTensors
-from spinor_geom.plateau.newton import ROUNDING
+from spinor_geom.plateau.newton import ROUNDING, STEPS_TO_ROUNDING
 
 # Nodes far from corners: so many steps for each unit of `Place`, because powers of the coordinate are no functions of
 # log u.
@@ -222,7 +222,7 @@ def _nodes(
     steps = (table + _FAR * place(at(table)[0])[0]) / step
     wanted = np.linspace(steps[0], steps[-1], math.ceil(steps[-1] - steps[0]) + 1)
     x = np.interp(wanted, steps, table)
-    for _ in range(3):  # to rounding errors
+    for _ in range(STEPS_TO_ROUNDING):
         shares, slope = at(x)
         rate = (1 + _FAR * place.slope(shares) * slope) / step
         x = x - ((x + _FAR * place(shares)[0]) / step - wanted) / rate
