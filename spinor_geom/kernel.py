@@ -39,9 +39,9 @@ FUNCTIONS: dict[str, tuple[Any, ...]] = {
         *(_INTEGER, _INTEGER, _NUMBER, _INDICES, _INDICES),
     ),
     "sort_by_cells": (_NUMBERS, _INTEGER, _INDICES, _INTEGER, _INDICES, _INDICES, _NUMBERS, _INDICES),
-    "faces_in_box": (
+    "faces_in_boxes": (
         *(_NUMBERS, _INTEGER, _INDICES, _INDICES, _INTEGER),
-        *(_INDICES, _NUMBERS, _NUMBERS, _INDICES, _INDICES),
+        *(_INDICES, _NUMBERS, _INTEGER, _NUMBERS, _INDICES, _INDICES),
     ),
     "remesh": (
         *(_INTEGER, _NUMBERS, _INDICES, _NUMBER, _NUMBER, _INTEGER, _NUMBERS, _NUMBERS, _INTEGER),  # a RegionOf<Point3>

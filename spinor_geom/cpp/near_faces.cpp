@@ -151,18 +151,22 @@ ENTRY_POINT int sort_by_cells(
     });
 }
 
-// The faces whose boxes meet a box, from the result of `sort_by_cells`. `found` has room for all of them.
-ENTRY_POINT int faces_in_box(
+// The faces whose boxes meet one of some boxes, from the result of `sort_by_cells`. `found` has room for all of them.
+ENTRY_POINT int faces_in_boxes(
     const Point3* points, int64_t faces, const int64_t* corners, const int64_t* order, int64_t cell_count,
-    const int64_t* starts, const double* boxes, const double* low_and_high, int64_t* found, int64_t* found_count) {
+    const int64_t* starts, const double* boxes, int64_t wanted_count, const double* wanted, int64_t* found, int64_t* found_count) {
     return outcome_of([=] {
         const auto* box = reinterpret_cast<const Box*>(boxes);
-        const Box& wanted = *reinterpret_cast<const Box*>(low_and_high);
+        const auto* first = reinterpret_cast<const Box*>(wanted);
+        const std::vector<Box> given(first, first + wanted_count);
+        std::vector<Box> ordered;
+        for (const int64_t j : order_along_curve(given)) ordered.push_back(given[j]);
+        BoxTree tree(ordered);
         *found_count = 0;
         for (int64_t c = 0; c < cell_count; ++c) {
-            if (!box[c].meets(wanted)) continue;
+            if (!tree.meets(box[c])) continue;
             for (int64_t k = starts[c]; k < starts[c + 1]; ++k)
-                if (box_of(points, corners + 3 * order[k]).meets(wanted)) found[(*found_count)++] = order[k];
+                if (tree.meets(box_of(points, corners + 3 * order[k]))) found[(*found_count)++] = order[k];
         }
     });
 }

@@ -205,6 +205,20 @@ public:
         for (size_t node = leaves_ - 1; node > 0; --node) nodes_[node] = Box(nodes_[2 * node], nodes_[2 * node + 1]);
     }
 
+    // Whether a box meets one of the boxes.
+    bool meets(const Box& box) {
+        stack_.assign(1, 1);
+        while (!stack_.empty()) {
+            const size_t node = stack_.back();
+            stack_.pop_back();
+            if (!nodes_[node].meets(box)) continue;
+            if (node >= leaves_) return true;
+            stack_.push_back(2 * node + 1);
+            stack_.push_back(2 * node);
+        }
+        return false;
+    }
+
     // Calls a function with the number of each box that meets a box, in order.
     template <typename Function>
     void each(const Box& box, TimeLimit& limit, Function function) {

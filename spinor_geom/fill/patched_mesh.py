@@ -212,7 +212,7 @@ class PatchedMesh:
 
     def faces_in_box(self, low: Float[np.ndarray, "3"], high: Float[np.ndarray, "3"]) -> Int[np.ndarray, " _"]:
         """The mesh faces whose bounding boxes overlap a box."""
-        return self._mesh_piece.in_box(low, high)
+        return self._mesh_piece.in_boxes(np.stack([low, high])[None])
 
     def crossings(
         self, patch: Patch, before: Crossings = NO_CROSSINGS, numbers: Int[np.ndarray, " k"] | None = None
@@ -356,17 +356,19 @@ class _Piece:
             self._boxes[:, 1].max(axis=0, initial=-np.inf),
         )
 
-    def in_box(self, low: Float[np.ndarray, "3"], high: Float[np.ndarray, "3"]) -> Int[np.ndarray, " _"]:
-        """The faces whose boxes overlap a box."""
+    def in_boxes(self, boxes: Float[np.ndarray, "k 2 3"]) -> Int[np.ndarray, " _"]:
+        """The faces whose boxes overlap one of some boxes, given by their lowest and highest corners."""
         found, count = np.empty(len(self.faces), dtype=np.int64), np.zeros(1, dtype=np.int64)
         sorted_faces = self._order, len(self._boxes), self._starts, self._boxes
-        box = np.stack([low, high])
-        call("faces_in_box", self._points, len(found), self._corners, *sorted_faces, box, found, count)
+        wanted = len(boxes), np.ascontiguousarray(boxes, dtype=np.float64)
+        call("faces_in_boxes", self._points, len(found), self._corners, *sorted_faces, *wanted, found, count)
         return found[: count[0]]
 
     def crossings(self, others: Sequence[_Piece]) -> Int[np.ndarray, "k 2"]:
         """Intersecting pairs of a face of this piece and a face of others, or of itself, each pair once."""
-        near = [other.in_box(self.low, self.high) for other in others]
+        own = self._points[self._corners]
+        boxes = np.stack([own.min(axis=1), own.max(axis=1)], axis=1)
+        near = [other.in_boxes(boxes) for other in others]
         corners = np.concatenate([one.vertices[one.faces[at]] for one, at in zip(others, near, strict=True)])
         numbers = np.concatenate([one.numbers[at] for one, at in zip(others, near, strict=True)])
         soup = corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3)
