@@ -143,12 +143,12 @@ def crossings_found(count: int) -> str:
 
 
 def require_simple(loop: BoundaryLoop) -> None:
-    """Raises a SelfCrossingLoopError with the first two edges of a loop that meet."""
+    """Raises a SelfCrossingLoopError with the first two edges of a loop that meet, whatever its direction."""
     crossings = loop_crossings(loop.points)
     if len(crossings):
-        edges = np.stack([loop.vertex_ids, shifted(loop.vertex_ids, -1)], axis=1)[crossings[0]]
+        edges = np.stack([loop.vertex_ids, shifted(loop.vertex_ids, -1)], axis=1)[crossings[0]].tolist()
         count = len(crossings)
-        raise SelfCrossingLoopError(edges=edges.tolist(), count=count, found=crossings_found(count))
+        raise SelfCrossingLoopError(edges=sorted(map(sorted, edges)), count=count, found=crossings_found(count))
 
 
 def sorted_pairs(pairs: Pairs) -> Pairs:
