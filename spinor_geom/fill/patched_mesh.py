@@ -366,9 +366,12 @@ class _Piece:
 
     def crossings(self, others: Sequence[_Piece]) -> Int[np.ndarray, "k 2"]:
         """Intersecting pairs of a face of this piece and a face of others, or of itself, each pair once."""
-        own = self._points[self._corners]
-        boxes = np.stack([own.min(axis=1), own.max(axis=1)], axis=1)
-        near = [other.in_boxes(boxes) for other in others]
+        whole, own = np.stack([self.low, self.high])[None], self._points[self._corners]
+        # a search tree of more boxes than there are faces to find takes longer than it saves
+        near = [
+            one.in_boxes(np.stack([own.min(axis=1), own.max(axis=1)], axis=1) if len(own) < len(one.faces) else whole)
+            for one in others
+        ]
         corners = np.concatenate([one.vertices[one.faces[at]] for one, at in zip(others, near, strict=True)])
         numbers = np.concatenate([one.numbers[at] for one, at in zip(others, near, strict=True)])
         soup = corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3)
