@@ -20,12 +20,13 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.sparse import csc_array, diags_array
 
 from spinor_geom.arrays import TINY
 from spinor_geom.deadline import is_out_of_time
 from spinor_geom.errors import OutOfTimeError, SingularMatrixError
 from spinor_geom.fill.collar import Collar, stretch_across_creases
-from spinor_geom.mesh.operators import Bending, BendingForm, factor_symmetric, graph_laplacian, side_lengths
+from spinor_geom.mesh.operators import Bending, BendingForm, factor_symmetric, side_lengths
 from spinor_geom.meshing.embed import Patch
 
 # Measured, here and in `continuation`, on 111 holes: 70 generated ones, and rims of scans and of defective meshes.
@@ -84,7 +85,7 @@ class Faired:
 def thin_plate(patch: Patch, collar: Collar) -> Faired:
     """Minimises ∫|Δx|², with the Laplacian of the patch: a linear problem. Raises as `factor_symmetric`."""
     equations = _Equations(patch, collar)
-    x = equations.smoothed(np.concatenate([patch.vertices[patch.boundary_size :], collar.vertices]))
+    x = equations.smoothed()
     return replace(_faired(patch, x[: equations.free], 0, 0.0), order="thin plate")
 
 
@@ -96,7 +97,7 @@ def minimised_curvature(patch: Patch, collar: Collar) -> Faired:
         OutOfTimeError: the time limit was reached before there was a result.
     """
     equations = _Equations(patch, collar)
-    x, steps, left = equations.solved(np.concatenate([patch.vertices[patch.boundary_size :], collar.vertices]))
+    x, steps, left = equations.solved()
     return _faired(patch, x[: equations.free], steps, left)
 
 
@@ -106,7 +107,7 @@ def approached(patch: Patch, collar: Collar) -> Faired:
     Raises as `minimised_curvature`.
     """
     equations = _Equations(patch, collar)
-    x, left = equations.approached(np.concatenate([patch.vertices[patch.boundary_size :], collar.vertices]))
+    x, left = equations.approached()
     return _faired(patch, x[: equations.free], _APPROACH, left)
 
 
@@ -128,6 +129,7 @@ class _Equations:
         self.free = self.inside - m
         numbers = np.concatenate([np.arange(m) + self.free, np.arange(self.free)])
         self._faces = np.concatenate([numbers[patch.faces], collar.faces + self.free])
+        self._start = np.concatenate([patch.vertices[m:], collar.vertices])
         bends = np.concatenate([np.ones(self.free, dtype=bool), collar.bends])
         self._bends = bends[: self.inside]
         self._beyond = collar.curvature
@@ -143,24 +145,28 @@ class _Equations:
         n, collar = self.free, self._collar
         if not collar.variation:
             return None
-        laplacian = graph_laplacian(self._faces)
-        own, form = laplacian[:n, :n], collar.third_form.reshape(-1, 9)
-        # means of neighbours, because the cotangent Laplacian may have negative weights
-        inner = factor_symmetric(own).solve(-(laplacian[:n, n:] @ form))
+        weights = -Bending.of(self._start, self._faces).laplacian
+        weights.setdiag(0)
+        # each form is a mean of its neighbours', and so has no negative curvatures
+        weights.data = np.maximum(weights.data, 0)
+        own = csc_array(diags_array(weights.sum(axis=0))) - weights
+        form = collar.third_form.reshape(-1, 9)
+        inner = factor_symmetric(own[:n, :n]).solve(weights[:n, n:] @ form)
         return stretch_across_creases(np.concatenate([inner, form]).reshape(-1, 3, 3), self._faces, collar.variation)
 
-    def smoothed(self, x: Positions) -> Positions:
-        """Minimises ∫|Δx|² over the free vertices, with the Laplacian of the given positions."""
-        n, bending = self.free, Bending.of(x, self._faces)
+    def smoothed(self) -> Positions:
+        """Minimises ∫|Δx|² over the free vertices, with the Laplacian of the positions at the start."""
+        x, n = self._start, self.free
+        bending = Bending.of(x, self._faces)
         form = self._form(x, bending, 0.0)
         laplacian, kept = bending.laplacian, x.copy()
         kept[:n] = 0
         pull = laplacian @ (form.weights[:, None] * (laplacian @ kept))
         return np.concatenate([factor_symmetric(form.stiffness).solve(-pull[:n] / 2), x[n:]])
 
-    def approached(self, x: Positions) -> tuple[Positions, float]:
+    def approached(self) -> tuple[Positions, float]:
         """Positions after some steps of at most one edge, and the length of the last step in local edges."""
-        n, length = self.free, np.inf
+        x, n, length = self._start, self.free, np.inf
         for _ in range(_APPROACH):
             form, residual = self._at(x)
             step = -factor_symmetric(form.stiffness).solve(residual)
@@ -171,7 +177,7 @@ class _Equations:
                 break
         return x, length
 
-    def solved(self, x: Positions) -> tuple[Positions, int, float]:
+    def solved(self) -> tuple[Positions, int, float]:
         """Newton's method: the last positions, the number of steps, and the next step's length.
 
         Steps are along the normals, damped by Deuflhard's restricted monotonicity test. The length is the largest
@@ -179,7 +185,7 @@ class _Equations:
 
         Source: Deuflhard (2004), Newton Methods for Nonlinear Problems.
         """
-        n, steps, damping = self.free, 0, 1.0
+        x, n, steps, damping = self._start, self.free, 0, 1.0
         form, residual = self._at(x)
         edge = float(np.sqrt(form.bending.areas[:n].mean()))
         factor = factor_symmetric(form.stiffness)
