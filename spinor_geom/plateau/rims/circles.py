@@ -15,7 +15,7 @@ from spinor_geom.plateau.newton import MOST_STEPS
 from spinor_geom.plateau.rims.sides import CorneredRims, Place, Side, cluster
 
 # Poles between circles that nearly touch: the ratio of distances from a circle, and the first distance in radii
-_RATIO = 0.75
+_RATIO = 0.7
 _CROWDING = 0.25  # density of nodes and modes at a gap between circles, times its width
 
 
