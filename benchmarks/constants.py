@@ -1,8 +1,8 @@
 """Solves with other values of a tuned constant: `python benchmarks/constants.py plateau.steps:STALLED 0.5 0.9`.
 
 Comments beside constants say what changes with another value. This prints it for loops of six kinds: how many
-converge, the largest distance from the loop in its mean edges, the largest relative change of an area, and the CPU
-time. Without values, numbers are halved and doubled. A pattern such as 'plateau.harmonic*' names all constants that
+converge, the largest distance of a surface from its loop in mean edges, the largest relative change of an area, and the
+CPU time. Without values, numbers are halved and doubled. A pattern such as 'plateau.harmonic*' names all constants that
 match.
 """
 
@@ -18,6 +18,8 @@ from fnmatch import fnmatchcase
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, TypeAlias
+
+import numpy as np
 
 from spinor_geom import gallery
 from spinor_geom.bench.cases import KNOWN, SAMPLED, known_case
@@ -122,7 +124,8 @@ def row(name: str, value: str, group: str, before: Sequence[Outcome], after: Seq
     """A row of the table."""
     changes = [abs(a[2] / b[2] - 1) for a, b in zip(after, before, strict=True)]
     kept = f"{sum(converged for converged, _, _ in after)} of {len(after)}"
-    figures = f"{max(distance for _, distance, _ in after):.1e} | {max(changes):.1e} | {seconds:.1f}"
+    largest = max(distance for _, distance, _ in after if distance < math.inf)
+    figures = f"{largest:.1e} | {np.nanmax(changes):.1e} | {seconds:.1f}"
     return f"| {name} | {value} | {group} | {kept} | {figures} |"
 
 

@@ -11,8 +11,8 @@ from typing import Literal
 
 from spinor_geom.deadline import is_out_of_time
 
-# A solve ends if a step with a new Jacobian leaves more than this share of the distance. With 0.5 two of sixty solves
-# through points and of networks end too early.
+# A solve ends if a step with a new Jacobian leaves more than this share of the distance. With 0.5 six of
+# sixty solves through points end too early.
 STALLED = 0.98
 SPENT = "the limit on steps or on time was reached"  # a reason, as the end of a sentence
 

@@ -18,9 +18,10 @@ from spinor_geom.holomorphic.blocks import block_size
 from spinor_geom.holomorphic.cauchy import cauchy_units
 
 # Units with poles at least this many edge lengths from the middle of an edge are computed at half of the nodes. With 7
-# of 14 periods around holes are exact to 1e-9. With 4 three of sixty rims cut along triangles keep 1e-3 of an edge.
+# of 14 periods around holes are exact to 1e-9.
 _FAR = 3.0
-# Rows of R that include units with distant poles: mean and slope. With one row two of these rims keep 1e-2 of an edge.
+# Rows of R that include units with distant poles: mean and slope. With one row 58 instead of 59 of sixty rims cut along
+# triangles converge.
 _LONG_RANGE = 2
 
 

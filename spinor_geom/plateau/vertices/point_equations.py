@@ -24,8 +24,7 @@ from spinor_geom.arrays import (
 
 # Damping, as a share of the mean of the Gram matrix's diagonal, because equations may have no solution. For n paths
 # it multiplies |x|² and n·|D x|², with the differences D along a rim, as for errors of points between the paths. With
-# 4e-10 the residual is 5e-3 edges on one of sixty rims cut along triangles, and 5e-1 on teeth of 20°. With 1e-8
-# solves take twice as long on 1,200 points with 30 % noise.
+# 4e-10 57 instead of 59 of sixty rims cut along triangles converge.
 _DAMPING = 1e-9
 
 

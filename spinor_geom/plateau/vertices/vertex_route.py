@@ -38,7 +38,7 @@ from spinor_geom.plateau.problem import PlateauProblem, Route
 from spinor_geom.plateau.route_result import RouteResult
 from spinor_geom.plateau.steps import Steps
 from spinor_geom.plateau.vertices.edge_features import nodes_on_edges
-from spinor_geom.plateau.vertices.through_points import DEGREE, NODES, Basis, Passing, nearest_through
+from spinor_geom.plateau.vertices.through_points import NODES, Basis, Passing, nearest_through
 from spinor_geom.surface.array_surface import ArraySurface
 from spinor_geom.surface.formulas import null_vector, phi
 from spinor_geom.surface.interior import RimPrimitive
@@ -193,9 +193,9 @@ def _basis_around(domain: PlaneDomain, smooth: LaurentSeries) -> tuple[Basis, Co
         raise DomainError("a hole of Ω is too narrow for the teeth of its rim", vertices=len(domain.vertices))
     for number, centre in enumerate(circles.centres.tolist(), 1):
         # halfway to its centre, for low frequencies around the hole, as many poles as polynomials
-        turn = np.exp(2j * np.pi * np.arange(DEGREE + 1) / (DEGREE + 1))
+        turn = np.exp(2j * np.pi * np.arange(NODES + 1) / (NODES + 1))
         radius = np.abs(domain.boundaries[number].vertices - centre).min() / 2
-        poles[number] += Poles(positions=centre + radius * turn, scales=np.full(DEGREE + 1, radius))
+        poles[number] += Poles(positions=centre + radius * turn, scales=np.full(NODES + 1, radius))
     sizes = [len(boundary.vertices) for boundary in domain.boundaries]
     firsts = [sum(sizes[:number]) for number in range(len(sizes))]
     basis = Basis.on(
