@@ -79,7 +79,7 @@ def _extents(here: CorneredSurface, step: Float[np.ndarray, " k"]) -> tuple[floa
 def _lower(here: CorneredSurface, step: Float[np.ndarray, " k"]) -> CorneredSurface | None:
     """The surface after the longest part of a step that lowers the energy, or None if short ones do not."""
     length = 1.0
-    while length > SMALL:
+    while length > SMALL**0.5:
         there = here.stepped(length * step)
         if there is not None and there.energy < here.energy * (1 + ROUNDING):
             return there
