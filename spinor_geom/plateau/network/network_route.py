@@ -44,10 +44,11 @@ from spinor_geom.surface.array_surface import PATH_ORDER, ArraySurface
 from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.frames import signs_close_up
 
-# Edges longer than this share of a loop are divided for the first discrete surface. Beside straight sides of one edge
-# its flattening has kinks where Γ is smooth: of three frames with a straight and a curved side the residuals were 1e-4,
-# 9e-6 and 5e-7 of the diagonal in 1 to 8 s, and are 4e-7, 9e-7 and 8e-7 in 0.3 to 3 s.
-_LONGEST_EDGE = 1 / 64
+# Shares of a loop. For the first discrete surface edges are divided that are longer than the median edge, which is taken
+# to be within these limits. Beside straight sides of one edge its flattening has kinks where Γ is smooth: of three
+# frames with a straight and a curved side the residuals were 1e-4, 9e-6 and 1e-6 of the diagonal in 1 to 6 s, and are
+# 4e-7, 9e-7 and 8e-7 in 0.3 to 3 s. Coarse polygons take twice the time if all their edges are a 64th.
+_LONGEST_EDGE = 1 / 64, 1 / 32
 # Distance of a first fit from Γ, in edges, from which it is not refined: of 20 random loops the 5 beyond it stay beyond
 # a tenth of an edge. Those within come to 0.02 and less.
 _LOST = 0.2
@@ -73,13 +74,14 @@ class _Side:
         return np.asarray(np.pi - np.arctan2(sine, cosine))
 
     @classmethod
-    def of(cls, number: int, loop: BoundaryLoop, curve: BoundaryCurve, *, backward: bool, longest: float) -> _Side:
-        """The loop with its `start_indices`, and more points between those farther apart than a share of its length."""
+    def of(cls, number: int, loop: BoundaryLoop, curve: BoundaryCurve, *, backward: bool, is_kept: bool) -> _Side:
+        """The loop with its `start_indices`, and unless it is kept with more points on its longest edges."""
         if backward:
             loop, curve = loop.reversed(), curve.reversed()
         indices = start_indices(loop)
         lengths = np.add.reduceat(loop.edge_lengths, indices)
-        parts = np.ceil(np.maximum(1, lengths / loop.perimeter / longest - EPS**0.5)).astype(np.int64)
+        longest = np.inf if is_kept else loop.perimeter * np.clip(np.median(lengths) / loop.perimeter, *_LONGEST_EDGE)
+        parts = np.ceil(np.maximum(1, lengths / longest - EPS**0.5)).astype(np.int64)
         *first, count = np.cumsum([0, *parts]).tolist()
         ends = np.append(curve.breaks[indices], curve.breaks[indices[0]] + 1)
         knots = np.interp(np.arange(count + 1), [*first, count], ends)
@@ -101,9 +103,8 @@ class NetworkSolver:
             reverse = len(self.problem.units) > 1 and runs_backward(*(loop.points for loop in self.problem.units))
         # a given start of a disk has the loop's own points as boundary, and between those of a rough one Γ is a guess
         is_kept = self.problem.start is not None or (self.problem.is_disk and self._is_rough)
-        longest = np.inf if is_kept else _LONGEST_EDGE
         sides = [
-            _Side.of(number, loop, curve, backward=reverse and number > 0, longest=longest)
+            _Side.of(number, loop, curve, backward=reverse and number > 0, is_kept=is_kept)
             for number, (loop, curve) in enumerate(zip(self.problem.units, self.problem.curves, strict=True))
         ]
         return tuple(sorted(sides, key=lambda side: -side.loop.perimeter))
