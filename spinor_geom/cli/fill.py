@@ -8,7 +8,7 @@ import sys
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from itertools import count
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 from rich.console import Console
 from rich.text import Text
@@ -75,13 +75,19 @@ def run(arguments: argparse.Namespace) -> ExitStatus:
         )
     for path in outputs:
         path.parent.mkdir(parents=True, exist_ok=True)
-    report = {"input": str(arguments.input), "output": str(arguments.output), **result.to_dict()}
-    comparisons = _add_comparisons(report, result, edge_length) if arguments.compare else {}
+    compared = _compared(result, edge_length) if arguments.compare else {}
+    comparisons = {index: one for index, one in compared.items() if not isinstance(one, str)}
+    # solves for the disks that a surface between rims is compared with
+    report = None if arguments.report is None else result.to_dict()
     with together():
         left_out = filled.write(arguments.output)
-        report["notes"] += left_out
-        if arguments.report is not None:
-            write_json(arguments.report, report)
+        if report is not None:
+            for index, one in compared.items():
+                entry = {"reason": one} if isinstance(one, str) else one.to_dict()
+                report["loops"][index]["comparison"] = entry
+            report["notes"] += left_out
+            files = {"input": str(arguments.input), "output": str(arguments.output)}
+            write_json(arguments.report, files | report)
         if arguments.picture is not None:
             from spinor_geom.render.fill_scene import fill_scene
             from spinor_geom.render.png import write_png
@@ -114,25 +120,20 @@ def _choice(arguments: argparse.Namespace) -> tuple[LoopChoice, LoopContinuity]:
     return loop, {"default": arguments.continuity or "C0", **dict.fromkeys(film, "C0"), **dict.fromkeys(smooth, "C1")}
 
 
-def _add_comparisons(
-    report: dict[str, Any], result: FillResult, edge_length: float | Literal["auto"]
-) -> dict[int, Comparison]:
-    """Compares each exact patch with a discrete minimal surface and adds the results to the report, by loop index."""
+def _compared(result: FillResult, edge_length: float | Literal["auto"]) -> dict[int, Comparison | str]:
+    """Each exact patch compared with a discrete minimal surface, or why it was not, by loop index."""
     from spinor_geom.comparison import compare
 
-    comparisons = {}
-    for outcome, entry in zip(result.loops, report["loops"], strict=True):
+    compared: dict[int, Comparison | str] = {}
+    for outcome in result.loops:
         if outcome.kind != "minimal" or outcome.solution is None or not outcome.faces_added:
             continue
         try:
-            comparison = compare(outcome.solution, target_edge_length=edge_length)
+            compared[outcome.index] = compare(outcome.solution, target_edge_length=edge_length)
         except SpinorGeomError as error:
-            entry["comparison"] = {"reason": str(error)}
+            compared[outcome.index] = str(error)
             complain(f"loop {outcome.index}: no comparison: {error}")
-            continue
-        comparisons[outcome.index] = comparison
-        entry["comparison"] = comparison.to_dict()
-    return comparisons
+    return compared
 
 
 def _show_result(result: FillResult, *, quiet: bool) -> None:
@@ -195,18 +196,17 @@ def _description(outcome: LoopOutcome) -> str:
 
 def _row(outcome: LoopOutcome) -> dict[str, str | Text]:
     """A row of the table, by columns."""
-    entry = outcome.to_dict()
-    residual, area, stability = entry["residual_rms_per_edge"], entry["area"], entry["stability"]
-    bend = outcome.continuation
+    area, bend = outcome.area, outcome.continuation
+    solution = None if area is None else outcome.solution
     return {
         "loop": str(outcome.index),
         "kind": _kind(outcome),
         "points": str(len(outcome.loop)),
         "perimeter": f"{outcome.loop.perimeter:.4g}",
-        "residual": "" if residual is None else f"{residual:.1e}",
+        "residual": "" if solution is None else f"{solution.boundary_residual.rms_per_edge:.1e}",
         "area": "" if area is None else f"{area:.4g}",
         MESH_AREA: f"{outcome.mesh_area:.4g}" if outcome.areas_differ else "",
-        "stability": "" if stability is None else str(stability["verdict"]),
+        "stability": "" if solution is None else solution.stability.verdict,
         "faces": str(outcome.faces_added),
         "seconds": f"{outcome.timings['total']:.2f}" if outcome.timings else "",
         BEND: "" if bend is None else f"{bend.before.rms:.0f}° to {bend.after.rms:.0f}°",

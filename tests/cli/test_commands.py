@@ -21,8 +21,9 @@ from spinor_geom.cli import console
 from spinor_geom.cli.main import build_parser, main
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.loop_choice import boundary_loops
-from tests.fill.shapes import collar, cylinder, figure_eight, obj_text, soup, spiked_tetrahedron, spokes, tube
-from tests.fill.test_bridge import ring
+from spinor_geom.plateau.annulus import RimDisks
+from tests.fill.shapes import collar, cylinder, figure_eight, obj_text, soup, spiked_tetrahedron, spokes, together, tube
+from tests.fill.test_bridge import inner_rims, ring
 from tests.render.test_viewer import data_of
 from tests.systems import modes, undecodable
 
@@ -77,6 +78,16 @@ def test_fill_writes_a_mesh_and_a_report(mesh_path, tmp_path, capsys):
     assert entry["output"] == str(output)
     assert [loop["filled"] for loop in entry["loops"]] == [True, True]
     assert sorted(path.name for path in output.parent.iterdir()) == ["filled.ply", "report.json"]
+
+
+def test_surfaces_to_compare_with_are_solved_for_reports_only(tmp_path, monkeypatch):
+    monkeypatch.setattr(RimDisks, "partitions", property(lambda self: pytest.fail("solved")))
+    rings = together(ring(1.0, 1.5), ring(1.0, 1.5, height=0.5, down=True))
+    path, loops = write_obj(tmp_path / "rings.obj", *rings), map(str, inner_rims(rings))
+    arguments = ["fill", str(path), "--bridge", *loops, "-o", str(tmp_path / "out.ply")]
+    assert on_terminal(arguments)[0] == 0
+    with pytest.raises(pytest.fail.Exception, match="solved"):
+        main([*arguments, "--report", str(tmp_path / "report.json")])
 
 
 @pytest.mark.parametrize("choice", [["--loop", "1"], ["--keep-largest"], ["--max-perimeter", "6"]])

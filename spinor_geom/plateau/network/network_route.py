@@ -44,11 +44,11 @@ from spinor_geom.surface.array_surface import PATH_ORDER, ArraySurface
 from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.frames import signs_close_up
 
-# Shares of a loop. For the first discrete surface edges are divided that are longer than the median edge, which is taken
-# to be within these limits. Beside straight sides of one edge its flattening has kinks where Γ is smooth: of three
-# frames with a straight and a curved side the residuals were 1e-4, 9e-6 and 1e-6 of the diagonal in 1 to 6 s, and are
-# 4e-7, 9e-7 and 8e-7 in 0.3 to 3 s. Coarse polygons take twice the time if all their edges are a 64th.
-_LONGEST_EDGE = 1 / 64, 1 / 32
+# Shares of a loop. For the first discrete surface long edges are divided into parts as long as the median edge, which
+# is taken to be within these limits. Beside straight sides of one edge its flattening has kinks where Γ is smooth: of
+# three frames with a straight and a curved side the residuals were 1e-4, 9e-6 and 1e-6 of the diagonal in 1 to 6 s, and
+# are 3e-7, 1e-6 and 8e-7 in 0.3 to 3 s. Coarse polygons take twice the time if all their edges are a 64th.
+_LONGEST_EDGE = 1 / 96, 1 / 32
 # Distance of a first fit from Γ, in edges, from which it is not refined: of 20 random loops the 5 beyond it stay beyond
 # a tenth of an edge. Those within come to 0.02 and less.
 _LOST = 0.2
@@ -81,7 +81,7 @@ class _Side:
         indices = start_indices(loop)
         lengths = np.add.reduceat(loop.edge_lengths, indices)
         longest = np.inf if is_kept else loop.perimeter * np.clip(np.median(lengths) / loop.perimeter, *_LONGEST_EDGE)
-        parts = np.ceil(np.maximum(1, lengths / longest - EPS**0.5)).astype(np.int64)
+        parts = np.rint(np.maximum(1, lengths / longest)).astype(np.int64)
         *first, count = np.cumsum([0, *parts]).tolist()
         ends = np.append(curve.breaks[indices], curve.breaks[indices[0]] + 1)
         knots = np.interp(np.arange(count + 1), [*first, count], ends)
