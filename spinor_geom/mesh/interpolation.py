@@ -11,7 +11,7 @@ from scipy.interpolate import BSpline, CubicSpline, PPoly, make_interp_spline
 from scipy.linalg import LinAlgWarning, solve_banded
 from scipy.linalg.lapack import dposv, dtrtri
 
-from spinor_geom.arrays import norm, shifted
+from spinor_geom.arrays import EPS, norm, shifted
 from spinor_geom.mesh.array_checks import shared
 from spinor_geom.mesh.spacing import are_long, edge_lengths, graded_spacing
 
@@ -260,11 +260,12 @@ def lagrange_at_0(nodes: Float[np.ndarray, "*b k"]) -> Float[np.ndarray, "*b k"]
 def missed(points: Float[np.ndarray, "m k"], reach: int) -> Float[np.ndarray, " m"]:
     """Distance of each point of a closed polygon from the polynomial through `reach` neighbours on each side.
 
-    The polynomials are over chord lengths.
+    The polynomials are over chord lengths, of which none is below rounding.
     """
     around = np.concatenate([np.arange(-reach, 0), np.arange(1, reach + 1)])
     turns, near = np.divmod(np.arange(len(points))[:, None] + around, len(points))
-    along = np.append(0.0, np.cumsum(edge_lengths(points)))
+    lengths = edge_lengths(points)
+    along = np.append(0.0, np.cumsum(np.maximum(lengths, 4 * EPS * lengths.sum())))
     weights = lagrange_at_0(along[near] + turns * along[-1] - along[:-1, None])
     return np.asarray(norm((weights[:, None] @ points[near])[:, 0] - points))
 

@@ -227,6 +227,11 @@ class TestCorners:
         points = np.repeat(polygon_sides(SQUARE, 5), [2] + [1] * 19, axis=0)
         np.testing.assert_array_equal(np.flatnonzero(detect_corners(points)), [6, 11, 16])
 
+    def test_edges_below_rounding_give_no_warning(self) -> None:
+        points = circle(16, 1.0)
+        points[4] *= 1.5
+        assert not detect_corners(np.insert(points, 1, points[1] + [1e-20, 1e-17, 5e-18], axis=0)).any()
+
 
 def test_measures_of_many_loops_are_those_of_each() -> None:
     random = np.random.default_rng(2)
