@@ -14,6 +14,7 @@ from scipy.interpolate import BSpline
 from spinor_geom.mesh.interpolation import gauss_nodes
 
 _MORE_NODES = 16  # Gauss nodes above the degree: areas of rational patches are then exact to rounding
+_AT_ONCE = 1 << 20  # points of a patch that are evaluated together. All of a large patch need gigabytes
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -125,8 +126,11 @@ class NurbsPatch:
         """Area by Gauss-Legendre quadrature, in squared mesh units."""
         more = 3 if (self.weights == 1).all() else _MORE_NODES
         (u, by_u), (v, by_v) = (spline_nodes(*each, more) for each in zip(self.knots, self.degrees, strict=True))
-        along, across = (self.grid(u, v, derivatives=orders) for orders in ((1, 0), (0, 1)))
-        return float(by_u @ np.linalg.norm(np.cross(along, across), axis=2) @ by_v)
+        area = 0.0
+        for part in np.array_split(np.arange(len(u)), len(u) * len(v) // _AT_ONCE + 1):
+            along, across = (self.grid(u[part], v, derivatives=orders) for orders in ((1, 0), (0, 1)))
+            area += float(by_u[part] @ np.linalg.norm(np.cross(along, across), axis=2) @ by_v)
+        return area
 
 
 def on_side(number: int) -> tuple[Any, Any]:

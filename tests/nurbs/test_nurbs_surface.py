@@ -1,6 +1,7 @@
 """NURBS of known surfaces: exact areas, equal sides, rims on the given curves."""
 
 import pickle
+import tracemalloc
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
@@ -117,6 +118,19 @@ def test_boundary_curves_are_closed_and_pass_through_the_corners() -> None:
     assert np.abs(ends[:, 0][:, None] - corners).max(axis=2).min(axis=0).max() < 1e-12
     # straight edges are straight
     assert all(np.linalg.matrix_rank(side.control_points - side.control_points[0], tol=1e-12) == 1 for side in rim)
+
+
+def test_the_area_of_a_large_patch_takes_a_bounded_memory() -> None:
+    count = 400
+    x = np.linspace(0, 1, count)
+    net = np.stack([*np.meshgrid(x, x, indexing="ij"), np.zeros((count, count))], axis=-1)
+    patch = NurbsPatch(control_points=net, weights=np.ones((count, count)), knots=(np.r_[0, x, 1],) * 2)
+    tracemalloc.start()
+    area = patch.area
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert abs(area - 1) < 1e-13
+    assert peak < 256 << 20  # 428 MB if all points are evaluated together
 
 
 def test_plane_polygons_are_exact_with_patches_of_degree_1() -> None:
