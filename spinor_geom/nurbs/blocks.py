@@ -86,10 +86,13 @@ class Blocks:
         while (found := _filled(rings)) is None:
             fewer = _coarser(rings)
             if sum(map(len, fewer)) == sum(map(len, rings)):
-                found = _filled(_longest_halved(domain, rings)) if sum(map(len, rings)) % 2 else None
-                return _with_triangles(rings) if found is None else _assembled(*found)
+                break
             rings = fewer
-        return _assembled(*found)
+        finer = rings
+        while found is None and sum(map(len, finer)) < 2 * sum(map(len, rings)):
+            finer = _longest_halved(domain, finer)
+            found = _filled(finer)
+        return _with_triangles(rings) if found is None else _assembled(*found)
 
     def rim_of(self, quad: int) -> int:
         """The number of the boundary on which the first side of a quadrilateral lies."""
