@@ -173,9 +173,10 @@ def distinct(numbers: Int[np.ndarray, "*_"]) -> Int[np.ndarray, " _"]:
     return np.asarray(ordered[np.append(True, ordered[1:] != ordered[:-1])[: len(ordered)]])
 
 
-def backwards(count: int) -> Int[np.ndarray, " {count}"]:
-    """Indices of a closed sequence in the opposite direction, from the same first element."""
-    return np.asarray(-np.arange(count) % count)
+def backwards(*counts: int) -> Int[np.ndarray, " n"]:
+    """Indices of closed sequences, one after the other, in the opposite direction, from the same first elements."""
+    start, count = np.repeat([np.cumsum(counts) - counts, counts], counts, axis=1)
+    return np.asarray(start + (start - np.arange(len(start))) % count)
 
 
 def replaced(x: Shaped[Array, "b *rest"], which: Array, by: Shaped[Array, "j *rest"]) -> Shaped[Array, "b *rest"]:

@@ -246,12 +246,17 @@ class PlaneDomain:
 
     @cached_property
     def mirrored(self) -> PlaneDomain:
-        """The mirror image of a domain without holes, with the mirror image of its triangulation."""
-        mesh = self.triangulation.mirrored()
-        m = mesh.boundary_size
-        log_scale = self.log_scale[backwards(m)] if len(self.log_scale) else self.log_scale
-        image = PlaneDomain(boundary=self.boundary.mirrored(), triangulation=mesh, log_scale=log_scale)
-        vars(image)["root"] = -self.root % m if self.root < m else self.root  # the image of the root, also among ties
+        """The mirror image of a domain, with the mirror image of its triangulation."""
+        boundary, *holes = (each.mirrored() for each in self.boundaries)
+        order = backwards(*(len(each.vertices) for each in self.boundaries))
+        image = PlaneDomain(
+            boundary=boundary,
+            triangulation=self.triangulation.mirrored(),
+            log_scale=self.log_scale[order] if len(self.log_scale) else self.log_scale,
+            holes=tuple(holes),
+        )
+        # the image of the root, also among ties
+        vars(image)["root"] = int(order[self.root]) if self.root < len(order) else self.root
         return image
 
     def divided(self, parts: int) -> PlaneDomain:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -46,12 +46,10 @@ class PlaneTriangulation:
         return (self.boundary_size - sum(self.hole_sizes), *self.hole_sizes)
 
     def mirrored(self) -> PlaneTriangulation:
-        """The mirror image z̄ of a polygon without holes, with the same first vertex."""
+        """The mirror image z̄, with the same first vertices of the polygons."""
         numbers = np.arange(len(self.points))
-        numbers[: self.boundary_size] = backwards(self.boundary_size)
-        return PlaneTriangulation(
-            points=self.points[numbers].conj(), faces=numbers[self.faces][:, ::-1], boundary_size=self.boundary_size
-        )
+        numbers[: self.boundary_size] = backwards(self.boundary_size - sum(self.hole_sizes), *self.hole_sizes)
+        return replace(self, points=self.points[numbers].conj(), faces=numbers[self.faces][:, ::-1])
 
     @cached_property
     def angles(self) -> Float[np.ndarray, "t 3"]:

@@ -14,9 +14,10 @@ from spinor_geom.fill.fill_options import FillOptions, Islands
 from spinor_geom.fill.fill_result import LoopOutcome
 from spinor_geom.fill.no_holes import require_hole
 from spinor_geom.fill.patched_mesh import LoopPatch, PatchedMesh, overlapping
-from spinor_geom.fill.solved_loops import Solved, solved_loop
+from spinor_geom.fill.solved_loops import Solved, placed, solved_loop
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.find_loops import Sheets
+from spinor_geom.mesh.loop_frame import LoopFrame, ordered_loops
 from spinor_geom.mesh.operators import winding_numbers
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution
@@ -115,16 +116,18 @@ def fill_between(
     first, *others = indices
     options.on_stage(first, "exact surface")
     begin = perf_counter()
+    rims = ordered_loops([loops[index] for index in indices])
+    frame = LoopFrame.of(*rims)
+    local = [frame.loop(rim) for rim in rims]
     surface: Solved
     try:
-        for index in indices:
-            require_hole(loops[index], patched)
-        surface = _surface_between(patched, indices, loops, options)
+        for rim in rims:
+            require_hole(rim, patched)
+        surface = _surface_between(indices, local, options, are_borders=all(patched.turning(rim) > 0 for rim in rims))
     except SpinorGeomError as error:
         surface = error
-    solved = solved_loop(loops[first], surface, perf_counter() - begin)
-    beyond = {index: loops[index] for index in others}
-    outcome, patch = fill_loop(patched, first, loops[first], solved, options, others=beyond)
+    solved = placed(solved_loop(local[0], surface, perf_counter() - begin), frame, *rims)
+    outcome, patch = fill_loop(patched, first, loops[first], solved, options, rims=rims, joined_to=others[0])
     further = [
         LoopOutcome(
             index=index,
@@ -144,16 +147,15 @@ def fill_between(
 
 
 def _surface_between(
-    patched: PatchedMesh, indices: Sequence[int], loops: Sequence[BoundaryLoop], options: FillOptions
+    indices: Sequence[int], rims: Sequence[BoundaryLoop], options: FillOptions, *, are_borders: bool
 ) -> PlateauSolution:
     """The exact surface between loops. Raises a SurfaceError if there is none."""
-    rims = [loops[index] for index in indices]
     solution = solve_plateau(
         rims, model=options.model, tolerance=options.tolerance, between="free", time_limit=options.seconds_to_solve
     )
     if isinstance(solution, NoConnectedSurface):
         advice = f"fill the {'two ' if len(indices) == 2 else ''}loops one by one instead"
-        if all(patched.turning(rim) > 0 for rim in rims):
+        if are_borders:
             advice = (
                 "the loops are the outer borders of open sheets, and only parts of them face each other: join the "
                 "sheets by two triangles at each end of the gap, and fill the remaining hole without bridge= "

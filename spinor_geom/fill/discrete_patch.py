@@ -1,11 +1,12 @@
 """Patches over loops without an exact surface."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from spinor_geom.discrete.first_fill import disk_without_inner_points
 from spinor_geom.discrete.minimal_surface import DiscreteMinimalSurface, graded_surface, on_circle, surface_over_plane
+from spinor_geom.discrete.strip import ruled_annulus
 from spinor_geom.domain.sizes import GRADED
 from spinor_geom.domain.triangulation import PlaneTriangulation
 from spinor_geom.errors import SpinorGeomError, SurfaceError
@@ -28,6 +29,14 @@ def discrete_patch(loop: BoundaryLoop, target: float) -> tuple[Patch, str]:
 def graded_patch(loop: BoundaryLoop, target: float) -> Patch:
     """As `discrete_patch`, with the area only about stationary and edges that grow inwards beyond `target`."""
     return _patch(loop, target, lambda local, _: graded_surface(local, GRADED.growth))[0]
+
+
+def ruled_patch(loops: Sequence[BoundaryLoop], target: float) -> Patch:
+    """A strip of straight lines between two loops, with edges of length `target`, in mesh units."""
+    frame = LoopFrame.of(*loops)
+    first, second = (frame.loop(loop).points for loop in loops)
+    strip = Patch.over(*ruled_annulus(first, second, target / frame.size))
+    return strip.placed_by(frame, np.concatenate([loop.points for loop in loops]))
 
 
 def _patch(

@@ -7,13 +7,11 @@ from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from time import perf_counter
-from types import MappingProxyType
 
 import numpy as np
 from jaxtyping import Float
 
 from spinor_geom.deadline import time_limit
-from spinor_geom.discrete.strip import ruled_annulus
 from spinor_geom.domain.sizes import GRADED, EdgeLengths
 from spinor_geom.errors import (
     NoAreaError,
@@ -26,7 +24,7 @@ from spinor_geom.errors import (
     in_mesh_units,
 )
 from spinor_geom.fill.attributes import NORMAL, patch_attributes
-from spinor_geom.fill.discrete_patch import discrete_patch, graded_patch
+from spinor_geom.fill.discrete_patch import discrete_patch, graded_patch, ruled_patch
 from spinor_geom.fill.fill_options import LEAST_TIME, FillOptions
 from spinor_geom.fill.fill_result import LoopOutcome
 from spinor_geom.fill.new_patch import Change, NewPatch, in_own_frame
@@ -62,9 +60,10 @@ def fill_loop(
     solved: SolvedLoop | None,
     options: FillOptions,
     *,
-    others: Mapping[int, BoundaryLoop] = MappingProxyType({}),
+    rims: Sequence[BoundaryLoop] = (),
+    joined_to: int | None = None,
 ) -> tuple[LoopOutcome, LoopPatch | None]:
-    """Makes the patch over a loop, or between it and the `others` of a bridge, and joins it to the mesh.
+    """Makes the patch over a loop, or between the `rims` of a bridge from it to another loop, and joins it to the mesh.
 
     A loop that is to be continued may come without its exact surface, which is computed if it is used.
 
@@ -74,13 +73,11 @@ def fill_loop(
     Raises:
         TooManyPointsError: `target_edge_length` needs too many vertices.
     """
-    joined_to = next(iter(others), None)
     seconds = 0.0 if solved is None else solved.seconds
     clock = Clock({"solve": seconds})
     try:
         end = perf_counter() + options.time_limit - seconds
-        loops = loop, *others.values()
-        maker = _Maker(patched=patched, index=index, loops=loops, options=options, clock=clock, end=end)
+        maker = _Maker(patched=patched, index=index, loops=rims or (loop,), options=options, clock=clock, end=end)
         new = maker.patch(solved)
         with _until(end):
             attributes, lowered = _attributes(patched, new)
@@ -239,8 +236,7 @@ class _Maker:
             raise error
         reason, target = str(error), edge_length_over(loops, options.target_edge_length)
         if can_be_strip:
-            strip = Patch.over(*ruled_annulus(loops[0].points, loops[1].points, target))
-            return NewPatch(patch=strip, rims=loops, reason=reason)
+            return NewPatch(patch=ruled_patch(loops, target), rims=loops, reason=reason)
         options.on_stage(self.index, "discrete surface")
         discrete, what = discrete_patch(loops[0], target)
         return NewPatch(patch=discrete, rims=loops, reason=f"{what}, because: {reason}")
@@ -263,7 +259,7 @@ def _exact_patch(solution: PlateauSolution, solved: SolvedLoop, options: FillOpt
             patch = mesh_over_points(solved.in_frame, target if isinstance(target, str) else target / solved.frame.size)
         except TooManyPointsError as error:
             raise in_mesh_units(error, solved.frame.size) from error
-        patch = patch.placed_by(solved.frame, solution.loop.points)
+        patch = patch.placed_by(solved.frame, np.concatenate([rim.loop.points for rim in solution.rims]))
     if not np.isfinite(patch.vertices).all():
         raise SurfaceError("the surface that was found is not finite everywhere")
     coarse = "" if patch.is_complete else _COARSE.format(len(patch.vertices))

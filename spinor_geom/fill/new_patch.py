@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Int
 
 from spinor_geom.fill.continuation import Continuation, Start
-from spinor_geom.fill.patched_mesh import NO_CROSSINGS, Crossings, PatchedMesh, split_chords
+from spinor_geom.fill.patched_mesh import NO_CROSSINGS, Crossings, PatchedMesh, numbered, split_chords
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.loop_frame import LoopFrame
 from spinor_geom.meshing.embed import Patch
@@ -84,7 +84,7 @@ Change: TypeAlias = Callable[[PatchedMesh, NewPatch, float], NewPatch]
 
 
 def in_own_frame(patched: PatchedMesh, new: NewPatch, change: Change) -> tuple[NewPatch, bool]:
-    """A patch over one loop after a change made in the loop's frame. Between several loops it is made in the mesh's.
+    """A patch after a change made in the frame of its loops.
 
     Vertices and faces of the mesh around the patch are numbered by their positions in the frame. The patch comes
     without its intersections there.
@@ -93,25 +93,23 @@ def in_own_frame(patched: PatchedMesh, new: NewPatch, change: Change) -> tuple[N
         The patch in the mesh's coordinates, and whether it has more intersections there than in the frame: by rounding,
         or beyond the surroundings.
     """
-    if len(new.rims) > 1:
-        return change(patched, new, 1.0), False
-    (loop,) = new.rims
-    frame = LoopFrame.of(loop)
-    rim = replace(frame.loop(loop), vertex_ids=np.arange(len(loop)))
-    patch = new.patch.placed_by(frame.inverse, rim.points)
+    frame = LoopFrame.of(*new.rims)
+    rims = numbered(map(frame.loop, new.rims))
+    patch = new.patch.placed_by(frame.inverse, np.concatenate([rim.points for rim in rims]))
     patch = replace(patch, vertices=frame.rounded(patch.vertices))
     low, high = new.patch.vertices.min(axis=0), new.patch.vertices.max(axis=0)
     margin = _MARGIN * float(np.linalg.norm(high - low))
-    near = patched.near((low - margin, high + margin), loop, frame)
+    near = patched.near((low - margin, high + margin), new.rims, frame)
     start = replace(
         new,
         patch=patch,
-        rims=(rim,),
-        solution=None if new.solution is None else new.solution.placed_by(frame.inverse, rim),
+        rims=rims,
+        solution=None if new.solution is None else new.solution.placed_by(frame.inverse, *rims),
         crossings=NO_CROSSINGS,
     )
     changed = change(near, start, frame.size)
-    patch = patched.as_stored(changed.patch.placed_by(frame, loop.points), loop.vertex_ids)
+    outside = np.concatenate([loop.points for loop in new.rims])
+    patch = patched.as_stored(changed.patch.placed_by(frame, outside), new.rim)
     continuation = changed.continuation
     placed = replace(
         changed,

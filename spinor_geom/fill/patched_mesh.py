@@ -91,6 +91,15 @@ def split_chords(patch: Patch, chords: Int[np.ndarray, "c 2"], surface: ArraySur
     return replace(patch, vertices=vertices, faces=faces, points=points)
 
 
+def numbered(loops: Iterable[BoundaryLoop]) -> list[BoundaryLoop]:
+    """Loops with consecutive vertex numbers, from 0 on."""
+    found, count = [], 0
+    for loop in loops:
+        found.append(replace(loop, vertex_ids=count + np.arange(len(loop))))
+        count += len(loop)
+    return found
+
+
 class PatchedMesh:
     """A mesh and the patches joined to it so far, with faces numbered as in the filled mesh.
 
@@ -277,18 +286,21 @@ class PatchedMesh:
         return found
 
     def near(
-        self, box: tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]], loop: BoundaryLoop, frame: LoopFrame
+        self,
+        box: tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]],
+        loops: Sequence[BoundaryLoop],
+        frame: LoopFrame,
     ) -> PatchedMesh:
-        """The mesh and the patches in a box around a loop, in a frame of the loop.
+        """The mesh and the patches in a box around loops, in a frame of the loops.
 
-        The loop's points come first, in the direction of the frame. The other vertices and the faces of the mesh are
+        The loops' points come first, in the direction of the frame. The other vertices and the faces of the mesh are
         numbered by their local coordinates.
         """
-        count = len(self.mesh.vertices)
-        faces = distinct(np.concatenate([self.faces_in_box(*box), self.faces_at(loop.vertex_ids)]))
+        count, given = len(self.mesh.vertices), np.concatenate([loop.vertex_ids for loop in loops])
+        faces = distinct(np.concatenate([self.faces_in_box(*box), self.faces_at(given)]))
         for _ in range(_RINGS_BEYOND):
             faces = self.faces_at(np.flatnonzero(referenced_vertices(self.mesh.faces[faces], vertices=count)))
-        rim = loop.vertex_ids[frame.order(len(loop))]
+        rim = given[frame.order(*map(len, loops))]
         is_other = referenced_vertices(self.mesh.faces[faces], vertices=count)
         is_other[rim] = False
         others = np.flatnonzero(is_other)
@@ -307,11 +319,11 @@ class PatchedMesh:
 
         def stored(points: Float[np.ndarray, "n 3"], _: Int[np.ndarray, " m"]) -> Float[np.ndarray, "n 3"]:
             outside = frame.outside(points)
-            stored = self.mesh.stored(outside, loop.vertex_ids)
+            stored = self.mesh.stored(outside, given)
             return points if np.array_equal(stored, outside) else frame.local(stored)
 
         mesh = TriangleMesh(frame.local(self.mesh.vertices[ids]), corners[in_order], stored=stored)
-        near = PatchedMesh(mesh, [replace(loop, vertex_ids=np.arange(len(rim)))])
+        near = PatchedMesh(mesh, numbered(loops))
         shared = np.flatnonzero(self._loops_at[rim] > 1)
         pairs = np.stack(np.triu_indices(len(shared), 1), axis=1)
         near._patch_edges.update(near._keys(shared[pairs][self.has_edges(rim[shared[pairs]])]).tolist())

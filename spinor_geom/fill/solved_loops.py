@@ -28,7 +28,7 @@ class SolvedLoop(NamedTuple):
     solution: PlateauSolution | None
     error: SpinorGeomError | None
     seconds: float
-    frame: LoopFrame | None = None  # of the loop, or None for a surface between several
+    frame: LoopFrame | None = None  # of the loop, or of several
     in_frame: PlateauSolution | None = None  # the surface in this frame, where it was computed
 
 
@@ -54,20 +54,21 @@ def solved_loops(
     )
     last = perf_counter()
     for rim, frame, loop, solved in zip(rims, frames, local, found, strict=True):
-        yield _placed(solved_loop(loop, solved, perf_counter() - last), frame, rim)
+        yield placed(solved_loop(loop, solved, perf_counter() - last), frame, rim)
         last = perf_counter()
 
 
-def _placed(local: SolvedLoop, frame: LoopFrame, loop: BoundaryLoop) -> SolvedLoop:
-    """The surface over a loop, or the error, from those in its frame."""
+def placed(local: SolvedLoop, frame: LoopFrame, *loops: BoundaryLoop) -> SolvedLoop:
+    """The surface over a loop or between several, or the error, from those in their frame."""
     solution, error = local.solution, local.error
     if isinstance(error, RepeatedPointError):
+        count = len(loops[0])
         place = error.fields["index"] + frame.is_backward
-        error = RepeatedPointError(index=int(frame.order(len(loop))[place % len(loop)]))
+        error = RepeatedPointError(index=int(frame.order(count)[place % count]))
     elif error is not None:
         error = in_mesh_units(error, frame.size)
-    placed = None if solution is None else solution.placed_by(frame, loop)
-    return SolvedLoop(placed, error, local.seconds, frame, solution)
+    outside = None if solution is None else solution.placed_by(frame, *loops)
+    return SolvedLoop(outside, error, local.seconds, frame, solution)
 
 
 def solved_loop(loop: BoundaryLoop, solved: Solved, waited: float) -> SolvedLoop:

@@ -145,6 +145,18 @@ class BoundaryLoop:
             self, points=points, vertex_ids=ids, corners=corners, seam_edges=self.seam_edges[:, ::-1], beside=beside
         )
 
+    def from_point(self, first: int) -> BoundaryLoop:
+        """The loop with another first point."""
+        order = (first + np.arange(len(self))) % len(self)
+        beside = None if self.beside is None else self.beside[order]
+        return replace(
+            self,
+            points=self.points[order],
+            vertex_ids=self.vertex_ids[order],
+            corners=self.corners[order],
+            beside=beside,
+        )
+
     @cached_property
     def edge_lengths(self) -> Float[np.ndarray, " m"]:
         """Edge lengths, (M,), in mesh units. Edge i runs from point i to point i + 1 (mod M)."""

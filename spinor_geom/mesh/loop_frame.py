@@ -1,9 +1,9 @@
-"""A first point, a direction, and coordinates of a closed polygon that do not depend on how it is given."""
+"""A first point, a direction, and coordinates of closed polygons that do not depend on how they are given."""
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,15 +25,15 @@ _FLAT = 1e-9  # share of the size below which points do not determine an axis
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LoopFrame:
-    """Coordinates that move with a closed polygon, at unit size.
+    """Coordinates that move with a closed polygon, or with several, at unit size.
 
     Polygons that differ by rotation, reflection, translation, scale, direction, or the first point have the same local
     coordinates up to rounding, and nearly always bit for bit, because these are rounded. If several points or both
     directions of a symmetric polygon are alike, one of them is taken.
 
     Attributes:
-        first: the point at which the polygon starts.
-        is_backward: whether the local direction is opposite to the given one.
+        first: the point at which the first polygon starts.
+        is_backward: whether the local direction is opposite to the given one, of all polygons.
         centre: origin of the local coordinates.
         axes: orthonormal rows, right-handed or left-handed.
         size: unit of the local coordinates, the diagonal of the bounding box along the axes.
@@ -48,25 +48,30 @@ class LoopFrame:
     step: float
 
     @classmethod
-    def of(cls, loop: BoundaryLoop) -> LoopFrame:
-        """The frame of a loop. `BoundaryLoop.beside` decides where the loop itself is symmetric or plane."""
-        points = loop.points
-        first, is_backward = first_point(points, loop.beside)
-        order = _ordered(len(points), first, is_backward)
-        ordered = points[order]
+    def of(cls, loop: BoundaryLoop, *others: BoundaryLoop) -> LoopFrame:
+        """The frame of loops. `BoundaryLoop.beside` decides where the first loop itself is symmetric or plane."""
+        beside = _beside(loop, others)
+        first, is_backward = first_point(loop.points, beside)
+        starts = first, *(0 for _ in others)
+        ordered = np.concatenate(
+            [
+                each.points[_ordered(len(each), start, is_backward)]
+                for each, start in zip((loop, *others), starts, strict=True)
+            ]
+        )
         centre = centroids(ordered)
-        axes = _axes(ordered - centre, None if loop.beside is None else loop.beside.mean(axis=0) - centre)
+        axes = _axes(ordered - centre, None if beside is None else beside.mean(axis=0) - centre)
         size = float(diagonals((ordered - centre) @ axes.T)) or 1.0
-        edges = edge_lengths(ordered)
+        edges = np.concatenate([edge_lengths(each.points) for each in (loop, *others)])
         shortest = float(edges[edges > 0].min(initial=size)) / size
         bits = max(_BITS, _BITS_OF_EDGE - int(np.frexp(shortest)[1]))
         return cls(
             first=first, is_backward=is_backward, centre=centre, axes=axes, size=size, step=float(np.ldexp(1.0, -bits))
         )
 
-    def order(self, count: int) -> Int[np.ndarray, " {count}"]:
-        """The polygon's points in the local direction, from the given first point. It is its own inverse."""
-        return backwards(count) if self.is_backward else np.arange(count)
+    def order(self, *rims: int) -> Int[np.ndarray, " m"]:
+        """The points of polygons in the local direction, from the given first points. It is its own inverse."""
+        return backwards(*rims) if self.is_backward else np.arange(sum(rims))
 
     @property
     def inverse(self) -> LoopFrame:
@@ -87,12 +92,12 @@ class LoopFrame:
         """Points from their local coordinates."""
         return np.asarray(self.size * local @ self.axes + self.centre)
 
-    def faces(self, faces: Int[np.ndarray, "f 3"], rim: int) -> Int[np.ndarray, "f 3"]:
-        """Faces over the polygon, in either direction, whose first `rim` vertices are its points, in the other."""
+    def faces(self, faces: Int[np.ndarray, "f 3"], *rims: int) -> Int[np.ndarray, "f 3"]:
+        """Faces over polygons, in either direction, whose first vertices are their points, in the other."""
         if not self.is_backward:
             return faces
-        numbers = np.arange(max(rim, int(faces.max(initial=0)) + 1))
-        numbers[:rim] = backwards(rim)
+        numbers = np.arange(max(sum(rims), int(faces.max(initial=0)) + 1))
+        numbers[: sum(rims)] = backwards(*rims)
         return np.asarray(numbers[faces][:, ::-1])
 
     def loop(self, loop: BoundaryLoop) -> BoundaryLoop:
@@ -104,6 +109,35 @@ class LoopFrame:
             corners=loop.corners[order],
             corners_given=loop.corners_given,
         )
+
+
+def ordered_loops(loops: Sequence[BoundaryLoop]) -> list[BoundaryLoop]:
+    """Several loops in an order, and from first points, that do not depend on how they are given.
+
+    The longest is first. Of a symmetric loop's points the others decide which is its first.
+    """
+    points = np.concatenate([loop.points for loop in loops])
+    size = norm(points - points.mean(axis=0)).max() or 1.0
+    # about the mean of the loops, because loops of one length are often equal
+    centre = np.mean([centroids(loop.points) for loop in loops], axis=0)
+
+    def lengths(loop: BoundaryLoop) -> list[int]:
+        apart = norm(loop.points - centre)
+        found = np.array([loop.perimeter, len(loop) * size, apart.max(), apart.min(), apart.sum()])
+        return [round(-x / (_ALIKE * size)) for x in found.tolist()]
+
+    starts = [
+        first_point(loop.points, _beside(loop, [each for each in loops if each is not loop]))[0] for loop in loops
+    ]
+    return sorted((loop.from_point(start) for loop, start in zip(loops, starts, strict=True)), key=lengths)
+
+
+def _beside(loop: BoundaryLoop, others: Sequence[BoundaryLoop]) -> Float[np.ndarray, "m 3"] | None:
+    """The points beside a loop's edges, moved by the vector from its centre to that of other loops."""
+    if loop.beside is None or not others:
+        return loop.beside
+    to = np.mean([centroids(each.points) for each in others], axis=0)
+    return np.asarray(loop.beside + to - centroids(loop.points))
 
 
 def first_point(points: Float[np.ndarray, "m 3"], beside: Float[np.ndarray, "m 3"] | None = None) -> tuple[int, bool]:

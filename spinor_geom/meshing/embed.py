@@ -80,14 +80,14 @@ class Patch(Shown):
         )
 
     def placed_by(self, frame: LoopFrame, rim: Float[np.ndarray, "m 3"]) -> Patch:
-        """The patch over a loop with the points `rim`, from that over the loop in the coordinates of a frame."""
+        """The patch over loops with the points `rim`, from that over the loops in the coordinates of a frame."""
         m, points = self.boundary_size, self.points
         if frame.is_backward:
-            points = np.concatenate([points[:m][frame.order(m)], points[m:]]).conj()
+            points = np.concatenate([points[:m][frame.order(*self.rims)], points[m:]]).conj()
         return replace(
             self,
             vertices=np.concatenate([rim, frame.outside(self.vertices[m:])]),
-            faces=frame.faces(np.asarray(self.faces), m),
+            faces=frame.faces(np.asarray(self.faces), *self.rims),
             points=points,
         )
 

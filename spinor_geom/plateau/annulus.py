@@ -2,20 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
-from functools import cached_property
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from spinor_geom.plateau.steps import Clock
 from spinor_geom.plateau.threads import one_thread
 
 if TYPE_CHECKING:
+    from spinor_geom.mesh.boundary_loop import BoundaryLoop
+    from spinor_geom.mesh.loop_frame import LoopFrame
     from spinor_geom.plateau.solution import PlateauSolution
 
 Partition: TypeAlias = tuple[tuple[int, ...], ...]  # numbers of the rims of each surface
 
 _MOST_FOR_ALL_PARTITIONS = 4  # rims up to which all partitions are computed: four rims have 14
+
+
+def _placed_over(
+    disks: RimDisks, frame: LoopFrame, loops: Sequence[BoundaryLoop], numbers: tuple[int, ...]
+) -> PlateauSolution | None:
+    surface = disks.surface_over(numbers)
+    return None if surface is None else surface.placed_by(frame, *(loops[number] for number in numbers))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -34,6 +43,10 @@ class RimDisks:
 
     def __repr__(self) -> str:
         return f"RimDisks({self.count} rims)"
+
+    def placed_by(self, frame: LoopFrame, loops: Sequence[BoundaryLoop]) -> RimDisks:
+        """The surfaces over some of given loops, from those in the coordinates of a frame."""
+        return replace(self, surface_over=partial(_placed_over, self, frame, loops))
 
     @cached_property
     def all(self) -> tuple[PlateauSolution, ...] | None:
@@ -105,6 +118,10 @@ class Annulus:
     def __repr__(self) -> str:
         modulus = "" if self.modulus is None else f", modulus {self.modulus:.6g}"
         return f"Annulus({len(self.order)} rims{modulus}, {self.spin}, period {self.period:.1e})"
+
+    def placed_by(self, frame: LoopFrame, loops: Sequence[BoundaryLoop]) -> Annulus:
+        """The properties of the surface between given loops, from those in the coordinates of a frame."""
+        return replace(self, period=self.period * frame.size, rim_disks=self.rim_disks.placed_by(frame, loops))
 
     @property
     def spin(self) -> Literal["periodic", "antiperiodic"]:

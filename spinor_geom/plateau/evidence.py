@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from jaxtyping import Complex, Float
@@ -23,6 +23,10 @@ from spinor_geom.surface.array_surface import ArraySurface
 _ORDER = 3
 
 
+def _placed_surface(evidence: Evidence, frame: LoopFrame) -> ArraySurface:
+    return evidence.surface.placed_by(frame)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Evidence:
     """A surface and its checks, each computed and timed on first use."""
@@ -34,7 +38,7 @@ class Evidence:
 
     def placed_by(self, frame: LoopFrame) -> Evidence:
         """The evidence of the surface in the coordinates outside a frame, with the checks computed so far."""
-        placed = replace(self, make=lambda: self.surface.placed_by(frame))
+        placed = replace(self, make=partial(_placed_surface, self, frame))  # no lambda, which cannot be pickled
         known: dict[str, object] = {
             name: vars(self)[name] for name in ("stability", "self_intersections") if name in vars(self)
         }

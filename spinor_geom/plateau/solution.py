@@ -6,7 +6,7 @@ import math
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -83,8 +83,7 @@ class PlateauSolution(Shown):
         evidence: the surface and its checks, computed on first use.
         annulus: properties of a surface over several rims, or None for disks.
         free_edges: with `mirror`, the intervals of parameters of `curve` on which the surface meets a plane.
-        solved_to: solves the same problem with another tolerance, or None for surfaces of a batch or a search, and for
-            those moved into other coordinates.
+        solved_to: solves the same problem with another tolerance, or None for surfaces of a batch or a search.
     """
 
     rims: tuple[RimMatch, ...]
@@ -200,20 +199,26 @@ class PlateauSolution(Shown):
         areas = self.annulus.partition_areas.values()
         return bool(areas) and self.area < min(areas)
 
-    def placed_by(self, frame: LoopFrame, loop: BoundaryLoop) -> PlateauSolution:
-        """The solution over a loop, from that over the loop in the coordinates of a frame.
+    def placed_by(self, frame: LoopFrame, *loops: BoundaryLoop) -> PlateauSolution:
+        """The solution over given loops, from that over the loops in the coordinates of a frame.
 
         If the frame is backward, Ω becomes its mirror image z̄.
         """
-        (rim,), domain = self.rims, self.domain.mirrored if frame.is_backward else self.domain
+        domain = self.domain.mirrored if frame.is_backward else self.domain
+        given = loops if self.annulus is None else [loops[number] for number in self.annulus.order]
+        diagonal = max(loop.diagonal for loop in loops)
         return replace(
             self,
-            rims=(rim.placed_by(frame, loop, domain.boundary),),
+            rims=tuple(
+                rim.placed_by(frame, loop, boundary)
+                for rim, loop, boundary in zip(self.rims, given, domain.boundaries, strict=True)
+            ),
             domain=domain,
-            boundary_residual=self.boundary_residual.enlarged(frame.size, diagonal=loop.diagonal),
+            boundary_residual=self.boundary_residual.enlarged(frame.size, diagonal=diagonal),
             area=self.area * frame.size**2,
             evidence=self.evidence.placed_by(frame),
-            solved_to=None,
+            annulus=None if self.annulus is None else self.annulus.placed_by(frame, loops),
+            solved_to=None if self.solved_to is None else partial(_solved_in_frame, self.solved_to, frame, loops),
         )
 
     def loop_points_in_domain(self) -> Complex[np.ndarray, " m"]:
@@ -375,6 +380,17 @@ class PlateauSolution(Shown):
             "annulus": None if self.annulus is None else self.annulus.to_dict(),
             "timings": self.timings,
         }
+
+
+def _solved_in_frame(
+    solve: Callable[[float], PlateauSolution | NoConnectedSurface],
+    frame: LoopFrame,
+    loops: tuple[BoundaryLoop, ...],
+    tolerance: float,
+) -> PlateauSolution | NoConnectedSurface:
+    """The surface over given loops, from a solve in the coordinates of a frame."""
+    found = solve(tolerance)
+    return found if isinstance(found, NoConnectedSurface) else found.placed_by(frame, *loops)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import pickle
 
 import numpy as np
 import pytest
 
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.loop_frame import LoopFrame, first_point, first_points
+from spinor_geom.plateau.solve import solve_plateau
 from tests.fill.copies import POLYGONS, motions
 from tests.fill.shapes import circle
 
@@ -94,3 +96,22 @@ def test_ties_of_many_polygons_are_broken_as_those_of_each() -> None:
 
 def test_long_symmetric_polygons_have_a_first_point() -> None:
     assert first_point(circle(20_000)) == (0, False)
+
+
+@pytest.mark.parametrize("is_backward", [False, True])
+def test_surfaces_between_loops_are_placed_outside_a_frame(is_backward: bool) -> None:
+    centre, shifts = np.array([5.0, 3.0, 1.0]), ([0.6, 0.0, 0.1], [-0.5, -0.2, 0.0])
+    inner = [circle(20, 0.3)[::-1] + shift for shift in shifts]
+    loops = [BoundaryLoop.from_points(3 * points + centre) for points in (circle(40, 1.5, bend=0.1), *inner)]
+    frame = dataclasses.replace(LoopFrame.of(*loops), is_backward=is_backward)
+    found = solve_plateau([frame.loop(loop) for loop in loops])
+    placed = pickle.loads(pickle.dumps(found.placed_by(frame, *loops)))
+    rims = np.concatenate([rim.loop.points for rim in placed.rims])
+    assert [len(rim.loop) for rim in placed.rims] == [len(loops[number]) for number in placed.annulus.order]
+    away = placed.array_surface.position(placed.loop_points_in_domain()) - rims
+    assert np.abs(away).max() < placed.tolerance * placed.boundary_residual.mean_edge
+    assert placed.area == pytest.approx(found.area * frame.size**2)
+    assert placed.annulus.disk_area == pytest.approx(found.annulus.disk_area * frame.size**2)
+    nearer = placed.solved_to(placed.tolerance / 10)
+    assert nearer.area == pytest.approx(placed.area, rel=1e-6)
+    np.testing.assert_array_equal(nearer.rims[0].loop.points, placed.rims[0].loop.points)
