@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import compress
 
 import numpy as np
 from jaxtyping import Complex, Float, Int
@@ -49,7 +50,7 @@ class Circles:
         first, last = self.arguments[list(side.corners)].tolist()
         return first, (last - first) % (2 * np.pi) or 2 * np.pi
 
-    def places(self, side: Side) -> Place:
+    def places(self, rim_of_corner: Int[np.ndarray, " c"], side: Side) -> Place:
         """`Side.place` that is steep where other circles are near: about the conformal coordinate of a narrow gap.
 
         At points z of one circle, |z − c|² − r² of another one is a − b cos of the angle from the nearest point.
@@ -59,11 +60,13 @@ class Circles:
         towards = (self.centres[others] - self.centres[side.rim]) * np.where(others == 0, -1, 1)
         away = np.abs(towards)
         power = np.abs(away**2 + radius**2 - self.radii[others] ** 2)
+        near, far = np.log(arc / self.arcs(rim_of_corner)[list(side.corners or ())]).tolist()
         return Place(
             arc=arc,
             first=first - self.signs[side.rim] * np.angle(towards),
             eccentricities=2 * away * radius / power,
             weights=2 * _CROWDING * arc * radius * self.radii[others] / power,
+            near=(near, far),
         )
 
     def _marks(self, rim_of_corner: Int[np.ndarray, " c"]) -> Complex[np.ndarray, " k"]:
@@ -121,7 +124,7 @@ class Circles:
         np.fill_diagonal(gaps, 0.0)
         return np.asarray(gaps)
 
-    def _arcs(self, rim_of_corner: Int[np.ndarray, " c"]) -> Float[np.ndarray, " c"]:
+    def arcs(self, rim_of_corner: Int[np.ndarray, " c"]) -> Float[np.ndarray, " c"]:
         """The shorter arc beside each corner."""
         arcs = np.empty(len(rim_of_corner))
         for rim in np.unique(rim_of_corner):
@@ -133,12 +136,12 @@ class Circles:
     def poles(
         self, of: CorneredRims
     ) -> tuple[Complex[np.ndarray, " k"], Float[np.ndarray, " k"], Int[np.ndarray, " j"]]:
-        """Poles at corners, then between circles that nearly touch, their distances from the circles, and corners."""
+        """Poles at corners, along short arcs, and at narrow gaps, their distances from the circles, and corners."""
         rim_of_corner = of.rim_of_corner
         radii, signs = self.radii, self.signs
         rims, directions, distances, counts = [], [], [], []
         turns = cis(signs[rim_of_corner] * self.arguments)
-        arcs = self._arcs(rim_of_corner)
+        arcs = self.arcs(rim_of_corner)
         for rim, direction, exponent, arc in zip(rim_of_corner, turns, of.exponents, arcs, strict=True):
             far = cluster(float(exponent), float(arc), of.resolution)
             counts.append(len(far))
@@ -146,6 +149,11 @@ class Circles:
             directions.append(np.full(len(far), direction))
             # the poles of a hole stay between its circle and its centre
             distances.append(far * radii[rim] * (1.0 if rim == 0 else 0.5))
+        for side in compress(of.sides, of.are_short):
+            (first, arc), count = self.arc(side), side.degree // 2
+            rims.append(np.full(count, side.rim))
+            directions.append(cis(signs[side.rim] * (first + arc * (np.arange(count) + 0.5) / count)))
+            distances.append(np.full(count, arc / 4 * radii[side.rim]))
         for rim, other in zip(*np.nonzero(~np.eye(len(radii), dtype=bool)), strict=True):
             towards = self.centres[other] - self.centres[rim]
             towards = -towards if other == 0 else towards

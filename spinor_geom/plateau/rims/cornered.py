@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -247,7 +247,7 @@ class CorneredSurface:
     def refitted(self, resolution: Resolution) -> CorneredSurface:
         """The surface with probable angles at corners, another resolution, and modes for gaps between circles."""
         form, old = self.form, self.form.rims
-        rims = old.adapted(self._angles, resolution, form.circles.places)
+        rims = old.adapted(self._angles, resolution, partial(form.circles.places, old.rim_of_corner))
         slides = np.empty(rims.columns[-1].stop)
         sides = zip(old.sides, rims.sides, old.columns, rims.columns, strict=True)
         for before, after, given, columns in sides:
@@ -305,7 +305,7 @@ class CorneredSurface:
         (z, steps), rim_of_corner = self.form.nodes, self.form.rims.rim_of_corner
         value, slope = self._smooth_functions(z)
         corner_value, corner_slope = self._smooth_functions(self.form.circles.images(rim_of_corner))
-        through = np.linalg.pinv(corner_value)
+        through = np.linalg.inv(corner_value)
         fields = through @ at_corners.velocities
         slopes, corner_slopes = slope @ fields, corner_slope @ fields
         less = moves.velocities - value @ fields
@@ -321,17 +321,13 @@ class CorneredSurface:
         return replace(moves, velocities=less, along=moves.along - slopes * steps[:, None]), second
 
     def _smooth_functions(self, z: Complex[np.ndarray, " n"]) -> Complex[np.ndarray, "2 n k"]:
-        """Powers of all circles' coordinates, with decreasing factors, and their derivatives: more than corners."""
-        circles, count = self.form.circles, self.form.rims.corners
-        at, k = z[:, None], np.arange(count + 3)
-        power = at ** np.maximum(k - 1, 0)
-        columns = [np.stack([np.where(k > 0, power * at, 1.0), k * power])]
-        k = np.arange(1, count // 2 + 3)
-        for c, radius in zip(circles.centres[1:], circles.radii[1:], strict=True):
-            inverse = 1 / (at - c)
-            value = (radius * inverse) ** k
-            columns.append(np.stack([value, -k * value * inverse]))
-        return np.concatenate(columns, axis=2)
+        """Squares of poles beside each corner, which decay over the shorter arc beside it, and their derivatives."""
+        circles, rim = self.form.circles, self.form.rims.rim_of_corner
+        # in holes poles stay between circle and centre
+        depths = 0.5 * circles.radii[rim] * np.minimum(circles.arcs(rim), 1.0)
+        outwards = circles.signs[rim] * cis(circles.signs[rim] * circles.arguments)
+        inverse = depths / (z[:, None] - circles.images(rim) - depths * outwards)
+        return np.stack([inverse**2, -2 * inverse**3 / depths])
 
     def stepped(self, step: Float[np.ndarray, " k"]) -> CorneredSurface | None:
         """The surface after a step, or None if circles would meet."""

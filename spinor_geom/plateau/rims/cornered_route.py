@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from jaxtyping import Complex, Float
@@ -183,7 +183,7 @@ class _Start:
             np.split(exponents, np.cumsum([len(own) for own in corners])[:-1]),
             [0 if len(own) else _frequencies(curve) for own, curve in zip(corners, self.curves, strict=True)],
         )
-        rims = rims.adapted(exponents, rims.resolution, self.circles.places)
+        rims = rims.adapted(exponents, rims.resolution, partial(self.circles.places, rims.rim_of_corner))
         slides = np.concatenate(list(map(self._modes, rims.sides)))
         return CorneredSurface(form=CornerForm(rims=rims, circles=self.circles), slides=slides)
 
@@ -222,18 +222,18 @@ def _around(values: Float[np.ndarray, " n"], period: float) -> Float[np.ndarray,
 
 
 def _corners(curve: BoundaryCurve) -> Float[np.ndarray, " c"]:
-    """Parameters of a curve's corners. If it has none, of the middles of arcs that look like corners from afar."""
+    """Parameters of a curve's corners. If it has none, of the ends of its arcs: of the breaks nearest to them."""
     if curve.corners.any():
         return np.asarray(curve.breaks[:-1][curve.corners])
     tangents = unit(curve.derivative(np.arange(SAMPLES) / SAMPLES))
     turns = norm(np.roll(tangents, -1, axis=0) - tangents)
     first = int(turns.argmin())  # outside of arcs
     turns = np.roll(turns, -first)
-    is_sharp, turned = turns > _SHARP * 2 * np.pi / SAMPLES, np.cumsum(turns)
+    is_sharp, turned = turns > _SHARP * 2 * np.pi / SAMPLES, np.append(0.0, np.cumsum(turns))
     ends = np.flatnonzero(np.diff(is_sharp, prepend=False, append=False)).reshape(-1, 2)
-    angles = turned[ends - [0, 1]]
-    arcs = np.searchsorted(turned, angles.mean(axis=1)[np.ptp(angles, axis=1) > _LEAST_TURN])
-    return np.sort((first + arcs) / SAMPLES % 1)
+    arcs = (first + ends[np.ptp(turned[ends], axis=1) > _LEAST_TURN].ravel()) / SAMPLES % 1
+    nearest = np.abs(arcs[:, None] - curve.breaks).argmin(axis=1)
+    return np.unique(curve.breaks[nearest] % 1)
 
 
 def _arguments(

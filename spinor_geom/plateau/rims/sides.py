@@ -13,7 +13,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from spinor_geom.plateau.curve_tensors import CurveTensors
 from spinor_geom.plateau.newton import ROUNDING, STEPS_TO_ROUNDING
@@ -74,6 +74,7 @@ class Place:
     first: Float[np.ndarray, " g"]  # angles of the first end
     eccentricities: Float[np.ndarray, " g"]
     weights: Float[np.ndarray, " g"]
+    near: tuple[float, float] = (0.0, 0.0)  # logarithms of its length over that of the shorter arc at each end
 
     @classmethod
     def even(cls) -> Place:
@@ -124,7 +125,7 @@ class Side:
         place: Place,
     ) -> Side:
         """A side between two corners."""
-        depths = [_depth(exponent, resolution) + _BEYOND for exponent in exponents]
+        depths = [_depth(at, resolution) + more + _BEYOND for at, more in zip(exponents, place.near, strict=True)]
         shares, weights = _nodes(depths, place, resolution.step)
         return cls(
             rim=rim,
@@ -286,10 +287,6 @@ class CorneredRims:
         places: Callable[[Side], Place],
     ) -> CorneredRims:
         """The rims with other exponents, resolution and `Side.place`."""
-        counts = np.bincount(self.rim_of_corner, minlength=len(self.curves)).tolist()
-        powers = tuple(
-            count * resolution.degree // 2 or before for count, before in zip(counts, self.powers, strict=True)
-        )
         sides = tuple(
             side
             if side.corners is None
@@ -304,7 +301,23 @@ class CorneredRims:
             )
             for side in self.sides
         )
-        return replace(self, sides=sides, exponents=exponents, resolution=resolution, powers=powers)
+        adapted = replace(self, sides=sides, exponents=exponents, resolution=resolution)
+        long = [
+            side.rim for side, is_short in zip(sides, adapted.are_short, strict=True) if side.corners and not is_short
+        ]
+        counts = np.bincount(long, minlength=len(self.curves)).tolist()
+        powers = tuple(
+            count * resolution.degree // 2 or before for count, before in zip(counts, self.powers, strict=True)
+        )
+        return replace(adapted, powers=powers)
+
+    @cached_property
+    def are_short(self) -> Bool[np.ndarray, " k"]:
+        """Which sides have much shorter arcs than others of their rim. Nodes resolve no powers as short as these."""
+        rims, arcs = np.array([side.rim for side in self.sides]), np.array([side.place.arc for side in self.sides])
+        longest = np.zeros(len(self.curves))
+        np.maximum.at(longest, rims, arcs)
+        return np.asarray(arcs < longest[rims] / 4)
 
     @cached_property
     def rows(self) -> tuple[slice, ...]:
