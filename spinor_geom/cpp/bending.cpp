@@ -44,10 +44,11 @@ void assemble(int64_t count, int64_t faces, const double* lengths, const int64_t
     require_numbers(count + 6 * faces);
     double longest = kSmallest;
     for (int64_t k = 0; k < 3 * faces; ++k) longest = std::max(longest, lengths[k]);
-    std::vector<int64_t> next(count + 1, 0);  // two entries for each corner, in the order of columns
-    for (int64_t k = 0; k < 3 * faces; ++k) next[corners[k] + 1] += 2;
-    for (int64_t j = 0; j < count; ++j) next[j + 1] += next[j];
-    std::vector<std::pair<int32_t, double>> entries(6 * faces);
+    std::vector<int64_t> starts(count + 1, 0);  // two entries for each corner
+    for (int64_t k = 0; k < 3 * faces; ++k) starts[corners[k] + 1] += 2;
+    for (int64_t j = 0; j < count; ++j) starts[j + 1] += starts[j];
+    std::vector<int64_t> next = starts;
+    std::vector<std::pair<int32_t, double>> by_row(6 * faces), entries(6 * faces);
     for (int64_t t = 0; t < faces; ++t) {
         const int64_t* v = corners + 3 * t;
         std::array<double, 3> square;
@@ -58,17 +59,18 @@ void assemble(int64_t count, int64_t faces, const double* lengths, const int64_t
         for (int k = 0; k < 3; ++k) {
             const int64_t i = v[(k + 1) % 3], j = v[(k + 2) % 3];
             const double value = -(square[(k + 1) % 3] + square[(k + 2) % 3] - square[k]) / eight;  // half a cotangent
-            entries[next[i]++] = {static_cast<int32_t>(j), value};
-            entries[next[j]++] = {static_cast<int32_t>(i), value};
+            by_row[next[i]++] = {static_cast<int32_t>(j), value};
+            by_row[next[j]++] = {static_cast<int32_t>(i), value};
         }
     }
+    // row by row, so that the rows of each column ascend
+    next = starts;
+    for (int64_t i = 0; i < count; ++i)
+        for (int64_t k = starts[i]; k < starts[i + 1]; ++k) entries[next[by_row[k].first]++] = {static_cast<int32_t>(i), by_row[k].second};
     int32_t filled = 0;
-    int64_t first = 0;
     for (int64_t j = 0; j < count; ++j) {
         matrix.starts[j] = filled;
-        const int64_t last = next[j];
-        std::stable_sort(entries.begin() + first, entries.begin() + last,
-                         [](const auto& a, const auto& b) { return a.first < b.first; });
+        const int64_t first = starts[j], last = starts[j + 1];
         int32_t diagonal = -1;
         double sum = 0;
         for (int64_t k = first; k < last; ++k) {
@@ -83,7 +85,6 @@ void assemble(int64_t count, int64_t faces, const double* lengths, const int64_t
         }
         if (diagonal < 0 && last > first) diagonal = filled, matrix.rows[filled++] = static_cast<int32_t>(j);
         if (diagonal >= 0) matrix.values[diagonal] = -sum;
-        first = last;
     }
     matrix.starts[count] = filled;
 }
@@ -176,16 +177,16 @@ ENTRY_POINT int bending(
 
 // ½ L W (A + ℓ² G) W L among the first `free` of `count` vertices, with the Laplacian L, the areas A, the diagonal weights
 // W and ℓ² = `squared_length`. G is not used if that is 0. `rows` and `values` have room for `room` entries. They
-// are not complete if `starts[free]` is larger.
+// are not set if `starts[free]` is larger.
 ENTRY_POINT int bending_stiffness(
     int64_t count, int64_t free, const int32_t* laplacian_starts, const int32_t* laplacian_rows, const double* laplacian,
     const double* weights, const double* areas, double squared_length, const int32_t* form_starts,
     const int32_t* form_rows, const double* form, int64_t room, int32_t* starts, int32_t* rows, double* values) {
     return outcome_of([=] {
         Row half(count), whole(free);
-        int64_t filled = 0;
+        std::vector<int64_t> first{0}, next(free + 1, 0);  // the entries up to the diagonal, row by row
+        std::vector<std::pair<int32_t, double>> lower;
         for (int64_t i = 0; i < free; ++i) {
-            starts[i] = static_cast<int32_t>(filled);
             for (int32_t a = laplacian_starts[i]; a < laplacian_starts[i + 1]; ++a) {
                 const int32_t j = laplacian_rows[a];
                 const double slope = laplacian[a] * weights[j];
@@ -197,18 +198,28 @@ ENTRY_POINT int bending_stiffness(
             }
             for (const int32_t j : half.columns()) {
                 const double factor = 0.5 * half[j] * weights[j];
-                for (int32_t a = laplacian_starts[j]; a < laplacian_starts[j + 1] && laplacian_rows[a] < free; ++a)
+                for (int32_t a = laplacian_starts[j]; a < laplacian_starts[j + 1] && laplacian_rows[a] <= i; ++a)
                     whole.add(laplacian_rows[a], factor * laplacian[a]);
             }
             whole.sort();
             for (const int32_t j : whole.columns()) {
-                if (filled < room) rows[filled] = j, values[filled] = whole[j];
-                ++filled;
+                lower.emplace_back(j, whole[j]);
+                ++next[i + 1];
+                if (j < i) ++next[j + 1];
             }
+            first.push_back(static_cast<int64_t>(lower.size()));
             half.clear(), whole.clear();
-            require_numbers(filled);
         }
-        starts[free] = static_cast<int32_t>(filled);
+        for (int64_t i = 0; i < free; ++i) next[i + 1] += next[i];
+        require_numbers(next[free]);
+        for (int64_t i = 0; i <= free; ++i) starts[i] = static_cast<int32_t>(next[i]);
+        if (next[free] > room) return;
+        for (int64_t i = 0; i < free; ++i)
+            for (int64_t k = first[i]; k < first[i + 1]; ++k) {
+                const auto [j, value] = lower[k];
+                rows[next[i]] = j, values[next[i]++] = value;
+                if (j < i) rows[next[j]] = static_cast<int32_t>(i), values[next[j]++] = value;
+            }
     });
 }
 

@@ -21,7 +21,7 @@ namespace space {
 using namespace geometry;
 
 inline constexpr double kShortest = 0.6, kLongest = 4.0 / 3;  // edges, in wanted lengths
-const double kThin = 10 * kPi / 180, kGood = std::asin(kLeastSine);
+const double kThin = 10 * kPi / 180, kThinSlope = std::tan(kThin), kGood = std::asin(kLeastSine);
 inline constexpr int kMostRounds = 50, kMostSplits = 30, kFlipsBetween = 2;
 inline constexpr double kLeastGain = 1e-3;  // of an angle by a flip
 inline constexpr int kCorrections = 10;  // of a smoothing that turns triangles over
@@ -348,7 +348,11 @@ private:
     // Whether an edge is opposite to an angle that is too small.
     bool is_opposite_to_thin(int t, int k) const {
         const Point3 a = x_[vertex(t, k)], b = x_[vertex(t, k + 1)];
-        return std::min(angle_at(x_[vertex(t, k + 2)], a, b), angle_at(x_[opposite(across(t, k), t)], a, b)) < kThin;
+        for (const int i : {vertex(t, k + 2), opposite(across(t, k), t)}) {
+            const Point3 u = a - x_[i], v = b - x_[i];
+            if (length(cross(u, v)) <= kThinSlope * dot(u, v)) return true;
+        }
+        return false;
     }
 
     // Area-weighted unit normals of the vertices.

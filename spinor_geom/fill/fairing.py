@@ -20,7 +20,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.sparse import csc_array, diags_array
+from scipy.sparse import csc_array
 
 from spinor_geom.arrays import TINY
 from spinor_geom.deadline import is_out_of_time
@@ -145,13 +145,16 @@ class _Equations:
         n, collar = self.free, self._collar
         if not collar.variation:
             return None
-        weights = -Bending.of(self._start, self._faces).laplacian
-        weights.setdiag(0)
+        starts, rows, values = Bending.of(self._start, self._faces).matrix
+        columns, rows = np.repeat(np.arange(len(starts) - 1), np.diff(starts)), rows[: starts[-1]]
+        is_diagonal = rows == columns
         # each form is a mean of its neighbours', and so has no negative curvatures
-        weights.data = np.maximum(weights.data, 0)
-        own = csc_array(diags_array(weights.sum(axis=0))) - weights
+        values = np.where(is_diagonal, 0.0, np.minimum(values[: len(rows)], 0.0))
+        values[is_diagonal] = -np.bincount(columns, values)[columns[is_diagonal]]
+        own = csc_array((values, rows, starts), shape=(len(starts) - 1,) * 2)
         form = collar.third_form.reshape(-1, 9)
-        inner = factor_symmetric(own[:n, :n]).solve(weights[:n, n:] @ form)
+        pull = own @ np.concatenate([np.zeros((n, 9)), form])
+        inner = factor_symmetric(own[:n, :n]).solve(-pull[:n])
         return stretch_across_creases(np.concatenate([inner, form]).reshape(-1, 3, 3), self._faces, collar.variation)
 
     def smoothed(self) -> Positions:

