@@ -35,13 +35,15 @@ inline Point3 normal(Point3 a, Point3 b, Point3 c) {
     return size > 0 ? 1 / size * n : n;
 }
 
-// The smallest angle of a triangle, or 0 with equal vertices.
-inline double smallest_angle(Point3 a, Point3 b, Point3 c) {
+// The sine of the smallest angle of a triangle, or 0 with equal vertices.
+inline double smallest_sine(Point3 a, Point3 b, Point3 c) {
     const double ab = length(b - a), bc = length(c - b), ca = length(a - c);
     const double longest = std::max({ab, bc, ca}), shortest = std::min({ab, bc, ca});
     const double product = longest * (ab + bc + ca - longest - shortest);
-    return product > 0 ? std::asin(std::min(1.0, length(cross(b - a, c - a)) / product)) : 0;
+    return product > 0 ? std::min(1.0, length(cross(b - a, c - a)) / product) : 0;
 }
+
+inline double smallest_angle(Point3 a, Point3 b, Point3 c) { return std::asin(smallest_sine(a, b, c)); }
 
 inline double angle_at(Point3 a, Point3 b, Point3 c) { return std::atan2(length(cross(b - a, c - a)), dot(b - a, c - a)); }
 
@@ -115,13 +117,13 @@ public:
         std::vector<char> dead(triangles_.size(), false);
         while (!limit_.is_over()) {
             std::vector<Short> found;
-            std::vector<double> least(x_.size(), kPi);
+            std::vector<double> least(x_.size(), 1.0);  // sines
             for (int t = 0; t < count(); ++t) {
                 if (dead[t]) continue;
-                const double angle = angle_of(t);
+                const double sine = smallest_sine(x_[vertex(t, 0)], x_[vertex(t, 1)], x_[vertex(t, 2)]);
                 for (int k = 0; k < 3; ++k) {
                     const int a = vertex(t, k), b = vertex(t, k + 1);
-                    least[a] = std::min(least[a], angle);
+                    least[a] = std::min(least[a], sine);
                     if (a > b || across(t, k) < 0 || b < fixed_) continue;
                     const double relative = relative_length(a, b);
                     if ((relative < kShortest || is_opposite_to_thin(t, k)) && !refused.count({a, b})) found.push_back({relative, t, k});
@@ -139,7 +141,7 @@ public:
                 for (const auto* around : {&around_a, &around_b})
                     for (const auto& [t, k] : *around) is_free = is_free && !used[vertex(t, k + 1)];
                 if (!is_free) continue;
-                const double enough = std::min({least[a], least[b], kGood});
+                const double enough = std::min({least[a], least[b], kLeastSine});
                 if (!can_collapse(one.triangle, one.side, enough, around_a, around_b)) {
                     refused.insert({a, b});
                     continue;
@@ -225,8 +227,8 @@ public:
                 const auto [i, j, k] = t.vertex;
                 const Point3 a = x_[i] + step[i], b = x_[j] + step[j], c = x_[k] + step[k];
                 if (!is_turned(normal(x_[i], x_[j], x_[k]), normal(a, b, c))) {
-                    const double after = smallest_angle(a, b, c);
-                    if (after >= kGood || after >= smallest_angle(x_[i], x_[j], x_[k])) continue;
+                    const double after = smallest_sine(a, b, c);
+                    if (after >= kLeastSine || after >= smallest_sine(x_[i], x_[j], x_[k])) continue;
                 }
                 back.insert(back.end(), t.vertex.begin(), t.vertex.end());
                 is_good = false;
@@ -401,8 +403,10 @@ private:
     double gain_of_flip(int t, int k) const {
         const int other = across(t, k), i = vertex(t, k), j = vertex(t, k + 1);
         const Point3 a = x_[i], b = x_[j], c = x_[vertex(t, k + 2)], d = x_[opposite(other, t)];
-        const double before = std::min(smallest_angle(a, b, c), smallest_angle(b, a, d));
-        const double gain = std::min({smallest_angle(a, d, c), smallest_angle(b, c, d), enough_}) - before;
+        const double before = std::min(smallest_sine(a, b, c), smallest_sine(b, a, d));
+        const double after = std::min(smallest_sine(a, d, c), smallest_sine(b, c, d));
+        if (!(after > before)) return 0;  // before the arc sines, which take longer
+        const double gain = std::min(std::asin(after), enough_) - std::asin(before);
         if (!(gain > kLeastGain)) return 0;
         const Point3 n = normal(a, b, c), m = normal(b, a, d), v = normal(a, d, c), w = normal(b, c, d);
         const bool is_over = dot(v, n + m) < 0 || dot(w, n + m) < 0;
@@ -426,7 +430,7 @@ private:
                 // with a third common neighbour two faces would have the same vertices
                 if (around == &around_b && u != c && u != d && has_edge(a, u)) return false;
                 if (!is_thin && length(x_[u] - p) > 0.5 * kLongest * (wanted + wanted_[u])) return false;
-                if (is_turned(normal_of(s), normal(p, x_[u], x_[v])) || smallest_angle(p, x_[u], x_[v]) < enough) return false;
+                if (is_turned(normal_of(s), normal(p, x_[u], x_[v])) || smallest_sine(p, x_[u], x_[v]) < enough) return false;
             }
         return true;
     }

@@ -296,15 +296,13 @@ def _refined(faired: Faired, collar: Collar, lengths: EdgeLengths) -> Faired:
     """A continued patch with the final edge lengths, or the patch itself if that is worse or has them."""
     if lengths == GRADED and _is_fine(faired.patch):
         return faired
-
-    graded, even = partial(_finer, collar=collar), partial(_remeshed, collar=collar, lengths=lengths)
-    finer = graded if lengths == GRADED else even
+    finer = partial(_finer, collar=collar) if lengths == GRADED else partial(_remeshed, collar=collar, lengths=lengths)
     with suppress(SpinorGeomError):
         fine = finer(faired.patch)
         again = thin_plate(fine, collar) if faired.order == "thin plate" else _minimised(fine, collar, finer)
         if _rank(again)[:2] <= _rank(faired)[:2]:
-            is_same = fine is faired.patch
-            return replace(again, steps=faired.steps + again.steps, lowered=faired.lowered, is_coarse=is_same)
+            steps = faired.steps + again.steps
+            return replace(again, steps=steps, lowered=faired.lowered, is_coarse=fine is faired.patch)
     return replace(faired, is_coarse=lengths != GRADED or is_out_of_time())
 
 

@@ -147,12 +147,10 @@ class _Equations:
             return None
         starts, rows, values = Bending.of(self._start, self._faces).matrix
         columns, rows = np.repeat(np.arange(len(starts) - 1), np.diff(starts)), rows[: starts[-1]]
-        is_diagonal = rows == columns
         # each form is a mean of its neighbours', and so has no negative curvatures
-        values = np.where(is_diagonal, 0.0, np.minimum(values[: len(rows)], 0.0))
-        values[is_diagonal] = -np.bincount(columns, values)[columns[is_diagonal]]
-        own = csc_array((values, rows, starts), shape=(len(starts) - 1,) * 2)
-        form = collar.third_form.reshape(-1, 9)
+        values = np.where(rows == columns, 0.0, np.minimum(values[: len(rows)], 0.0))
+        values -= np.where(rows == columns, np.bincount(columns, values)[columns], 0.0)
+        own, form = csc_array((values, rows, starts), (len(starts) - 1,) * 2), collar.third_form.reshape(-1, 9)
         pull = own @ np.concatenate([np.zeros((n, 9)), form])
         inner = factor_symmetric(own[:n, :n]).solve(-pull[:n])
         return stretch_across_creases(np.concatenate([inner, form]).reshape(-1, 3, 3), self._faces, collar.variation)
