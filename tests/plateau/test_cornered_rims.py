@@ -1,5 +1,6 @@
 """Minimal surfaces between rims of which some have corners: known areas, derivatives, and rims without a surface."""
 
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -77,6 +78,18 @@ def test_a_surface_is_kept_if_steps_end_near_the_solution(monkeypatch):
     # where rims nearly touch, steps may stall there; the residual shows whether the surface is near enough
     monkeypatch.setattr(cornered_newton, "MOST_STEPS", 4)
     assert stationary(plane_roof(), Steps(limit=100)).energy == pytest.approx(400 - 25 * np.pi, rel=1e-4)
+
+
+def test_tiny_steps_that_lower_a_rounded_energy_are_not_taken():
+    # between three chunks with narrow gaps they took 30 s
+    @dataclass
+    class Rounded:
+        energy: float
+
+        def stepped(self, step):
+            return Rounded(self.energy * (1 - 1e-12 if np.abs(step).max() < 1e-4 else 2))
+
+    assert cornered_newton._lower(Rounded(1.0), np.ones(3))[0] is None
 
 
 def test_derivatives_of_the_energy():

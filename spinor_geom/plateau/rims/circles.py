@@ -10,13 +10,13 @@ from itertools import compress
 import numpy as np
 from jaxtyping import Complex, Float, Int
 
-from spinor_geom.arrays import cis
+from spinor_geom.arrays import EPS, cis
 from spinor_geom.holomorphic.circular_domain import turned, turned_circles
 from spinor_geom.plateau.newton import MOST_STEPS
 from spinor_geom.plateau.rims.sides import CorneredRims, Place, Side, cluster
 
-# Poles between circles that nearly touch: the ratio of distances from a circle, and the first distance in radii
-_RATIO = 0.7
+# Distance of the limit of images, in radii, below which poles surround it. Farther ones are shown by powers.
+_NARROW = 0.5
 _CROWDING = 0.25  # density of nodes and modes at a gap between circles, times its width
 
 
@@ -73,12 +73,8 @@ class Circles:
         """Images of corners on the outer circle, and centres of holes."""
         return np.concatenate([self.images(rim_of_corner)[rim_of_corner == 0], self.centres[1:]])
 
-    def unevenness(self, rim_of_corner: Int[np.ndarray, " c"]) -> float:
-        """Distance of the mean of holes and corners of the outer circle from 0."""
-        return float(np.abs(self._marks(rim_of_corner).mean()))
-
     def spread(self, rim_of_corner: Int[np.ndarray, " c"]) -> tuple[Circles, list[complex]]:
-        """A conformal image with `unevenness` 0, and the points for `turned` that lead to it."""
+        """A conformal image where 0 is the mean of holes and corners, and the points for `turned` that lead to it."""
         circles, points = self, []
         for _ in range(MOST_STEPS):
             points.append(complex(circles._marks(rim_of_corner).mean()) / 2)
@@ -96,6 +92,18 @@ class Circles:
             own = rim_of_corner == rim
             arguments[own] = arguments[own][0] + (arguments[own] - arguments[own][0]) % (2 * np.pi)
         return Circles(centres=centres, log_radii=np.log(radii), arguments=arguments)
+
+    def rotations(self, rim_of_corner: Int[np.ndarray, " c"]) -> Float[np.ndarray, "p 3"]:
+        """Velocities of the moduli, as steps of `moved`, by conformal maps of the unit disk onto itself."""
+        c, radii, z, columns = self.centres, self.radii, self.images(rim_of_corner), []
+        for field in ((0, 1j, 0), (1, 0, -1), (1j, 0, 1j)):  # coefficients of 1, z, z²
+            velocities = np.polyval(field[::-1], c) + np.conj(field[2]) * radii**2
+            growths = np.polyval((2 * field[2], field[1]), c).real
+            velocities[0] = 0.0  # the unit circle
+            around = (np.polyval(field[::-1], z) - velocities[rim_of_corner]) / (z - c[rim_of_corner])
+            holes = np.stack([velocities.real, velocities.imag, growths], axis=1)[1:]
+            columns.append(np.concatenate([self.signs[rim_of_corner] * around.imag, holes.ravel()]))
+        return np.stack(columns, axis=1)
 
     def moved(self, step: Float[np.ndarray, " p"]) -> Circles:
         """The circles after a step of all arguments, then of x, y and log radius of each hole."""
@@ -139,33 +147,35 @@ class Circles:
         """Poles at corners, along short arcs, and at narrow gaps, their distances from the circles, and corners."""
         rim_of_corner = of.rim_of_corner
         radii, signs = self.radii, self.signs
-        rims, directions, distances, counts = [], [], [], []
+        positions, distances, counts = [], [], []
         turns = cis(signs[rim_of_corner] * self.arguments)
         arcs = self.arcs(rim_of_corner)
-        for rim, direction, exponent, arc in zip(rim_of_corner, turns, of.exponents, arcs, strict=True):
-            far = cluster(float(exponent), float(arc), of.resolution)
-            counts.append(len(far))
-            rims.append(np.full(len(far), rim))
-            directions.append(np.full(len(far), direction))
+        for rim, turn, exponent, arc in zip(rim_of_corner, turns, of.exponents, arcs, strict=True):
             # the poles of a hole stay between its circle and its centre
-            distances.append(far * radii[rim] * (1.0 if rim == 0 else 0.5))
+            far = cluster(float(exponent), float(arc), of.resolution) * radii[rim] * (1.0 if rim == 0 else 0.5)
+            positions.append(self.centres[rim] + turn * (radii[rim] + signs[rim] * far))
+            distances.append(far)
+            counts.append(len(far))
         for side in compress(of.sides, of.are_short):
-            (first, arc), count = self.arc(side), side.degree // 2
-            rims.append(np.full(count, side.rim))
-            directions.append(cis(signs[side.rim] * (first + arc * (np.arange(count) + 0.5) / count)))
-            distances.append(np.full(count, arc / 4 * radii[side.rim]))
+            (first, arc), count, radius = self.arc(side), side.degree // 2, radii[side.rim]
+            turn = cis(signs[side.rim] * (first + arc * (np.arange(count) + 0.5) / count))
+            positions.append(self.centres[side.rim] + turn * radius * (1 + signs[side.rim] * arc / 4))
+            distances.append(np.full(count, arc / 4 * radius))
+        count = 5 + of.resolution.degree // 6
+        around = EPS ** (0.5 / count) * cis(2 * np.pi * np.arange(count) / count)
         for rim, other in zip(*np.nonzero(~np.eye(len(radii), dtype=bool)), strict=True):
-            towards = self.centres[other] - self.centres[rim]
-            towards = -towards if other == 0 else towards
-            gap = self.gaps[rim, other]
-            # of the limit of the images of each circle in the other one
-            nearest = math.sqrt(gap * (gap + min(radii[rim], radii[other])))
-            reach = nearest / (_RATIO * radii[rim])
-            count = math.ceil(math.log(reach) / math.log(_RATIO)) if reach < 1 else 0
-            if towards != 0 and count:
-                rims.append(np.full(count, rim))
-                directions.append(np.full(count, towards / abs(towards)))
-                distances.append(_RATIO * radii[rim] * _RATIO ** np.arange(count))
-        rim, direction, distance = map(np.concatenate, (rims, directions, distances))
-        positions = self.centres[rim] + direction * (radii[rim] + signs[rim] * distance)
-        return positions, distance, np.repeat(np.arange(len(counts)), counts)
+            towards, radius = self.centres[other] - self.centres[rim], radii[rim]
+            if not towards:
+                continue
+            # limits of the images of the two circles in each other: inside and outside of the first one, as 1 / a and a
+            apart = np.abs(towards)
+            both = (apart + (radius**2 - radii[other] ** 2) / apart) / (2 * radius)
+            outside = both + math.copysign(math.sqrt(both**2 - 1), both)
+            own, opposite = (1 / outside, outside) if rim else (outside, 1 / outside)
+            if np.abs(1 - np.abs(own)) < _NARROW:
+                # around the first one, where w = (z - own)/(z - opposite) is on a circle smaller than on the rim
+                w = np.abs((1 - own) / (1 - opposite)) * around
+                at = (own - w * opposite) / (1 - w)
+                positions.append(self.centres[rim] + towards / apart * radius * at)
+                distances.append(radius * np.abs(np.abs(at) - 1))
+        return np.concatenate(positions), np.concatenate(distances), np.repeat(np.arange(len(counts)), counts)

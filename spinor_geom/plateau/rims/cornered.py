@@ -21,13 +21,13 @@ from jaxtyping import Complex, Float, Int
 from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dpstrf
 
-from spinor_geom.arrays import EPS, TINY, cis, unit
-from spinor_geom.holomorphic.circular_domain import turned
+from spinor_geom.arrays import TINY, cis, unit
 from spinor_geom.plateau.rims.circles import Circles
 from spinor_geom.plateau.rims.sides import CorneredRims, Resolution, Side, slices
 
 # Share of a side beside a corner where ∂X/∂n shows the angle of the surface, and slides for a wrong angle are not used.
 _NEAR = 0.05
+_BLOCK = 256  # columns of a symmetric matrix of which only the lower triangle is computed
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -72,6 +72,10 @@ class CornerForm:
         e = self.circles.radii[side.rim] * cis(sign * argument)
         return e, 1j * sign * arc * side.weights * e
 
+    @cached_property
+    def _poles(self) -> tuple[Complex[np.ndarray, " k"], Float[np.ndarray, " k"], Int[np.ndarray, " j"]]:
+        return self.circles.poles(self.rims)
+
     def functions(
         self, z: Complex[np.ndarray, " n"], from_poles: Complex[np.ndarray, "n j"] | None = None
     ) -> Complex[np.ndarray, "3 n k"]:
@@ -80,7 +84,7 @@ class CornerForm:
         The last ones, one for each hole, are log|z − c|, with the derivatives of log(z − c). `from_poles` has the
         differences of points and poles, where they are known better than those of rounded positions.
         """
-        poles, distances, _ = self.circles.poles(self.rims)
+        poles, distances, _ = self._poles
         powers, radii = self.rims.powers, self.circles.radii
         columns = slices([*powers, len(poles), len(powers) - 1])
         found = np.empty((3, len(z), columns[-1].stop), dtype=np.complex128)
@@ -107,51 +111,61 @@ class CornerForm:
         found[:, :, columns[-1]] = -np.log(np.abs(inverses)), inverses, -(inverses**2)
         return found
 
-    @cached_property
-    def at_nodes(self) -> Complex[np.ndarray, "3 n k"]:
-        """`functions` at the nodes."""
-        return self.functions(self.nodes[0], self._from_poles)
-
-    @property
-    def _from_poles(self) -> Complex[np.ndarray, "n j"]:
-        """Differences of nodes and poles, of those near the same corner from their distances to it."""
-        (z, _), (poles, distances, corner_of_pole) = self.nodes, self.circles.poles(self.rims)
-        found = z[:, None] - poles
-        for side, rows in zip(self.rims.sides, self.rims.rows, strict=True):
-            sign, (_, arc) = self.circles.signs[side.rim], self.circles.arc(side)
-            for corner, share, ahead in zip(side.corners or (), side.shares, (sign, -sign), strict=False):
-                near, own = np.flatnonzero(share < 0.5), np.flatnonzero(corner_of_pole == corner)
-                turn, outwards = ahead * arc * share[near], cis(sign * self.circles.arguments[corner])
-                away = 2j * self.circles.radii[side.rim] * np.sin(turn / 2) * cis(turn / 2)
-                found[np.ix_(rows.start + near, own)] = outwards * (away[:, None] - sign * distances[own])
-        return np.asarray(found)
+    def on_side(self, number: int) -> Complex[np.ndarray, "3 n k"]:
+        """`functions` at the nodes of a side, with poles near its corners from their distances to these."""
+        side, (poles, distances, corner_of_pole) = self.rims.sides[number], self._poles
+        z = self.nodes[0][self.rims.rows[number]]
+        from_poles = z[:, None] - poles
+        sign, (_, arc) = self.circles.signs[side.rim], self.circles.arc(side)
+        for corner, share, ahead in zip(side.corners or (), side.shares, (sign, -sign), strict=False):
+            near, own = np.flatnonzero(share < 0.5), np.flatnonzero(corner_of_pole == corner)
+            turn, outwards = ahead * arc * share[near], cis(sign * self.circles.arguments[corner])
+            away = 2j * self.circles.radii[side.rim] * np.sin(turn / 2) * cis(turn / 2)
+            from_poles[np.ix_(near, own)] = outwards * (away[:, None] - sign * distances[own])
+        return self.functions(z, from_poles)
 
     @cached_property
     def _galerkin(self) -> _Galerkin:
-        values = self.at_nodes[0].view(np.float64)
-        # the normal derivatives of real and imaginary parts alternate, as the parts themselves
-        normals = (self.at_nodes[1] * (-1j * self.nodes[1])[:, None]).view(np.float64)
-        normals[:, 1 - 2 * len(self.circles.centres[1:]) :: 2] = 0.0  # logarithms are real
-        gram = values.T @ normals
+        whole, logarithms = list[Float[np.ndarray, "n k2"]](), 1 - 2 * len(self.circles.centres[1:])
+        gram: Float[np.ndarray, "k2 k2"] = np.zeros(())
+        for number, rows in enumerate(self.rims.rows):
+            value, slope, _ = self.on_side(number)
+            # the normal derivatives of real and imaginary parts alternate, as the parts themselves
+            values, normals = (part.view(np.float64) for part in (value, slope * (-1j * self.nodes[1][rows])[:, None]))
+            normals[:, logarithms::2] = 0.0  # logarithms are real
+            whole.append(normals)
+            if not gram.ndim:
+                gram = np.zeros((normals.shape[1], normals.shape[1]))
+            for first in range(0, len(gram), _BLOCK):  # the lower triangle
+                own = slice(first, first + _BLOCK)
+                gram[own, : own.stop] += values[:, own].T @ normals[:, : own.stop]
         size = np.sqrt(np.maximum(np.abs(np.diag(gram)), TINY))
-        gram = (gram + gram.T) / (2 * size * size[:, None])
+        gram /= size * size[:, None]
         factor, order, rank, _ = dpstrf(gram, tol=self.rims.resolution.dependent, lower=1)
         kept = order[:rank] - 1
         return _Galerkin(
-            normals=normals[:, kept] / size[kept],
+            normals=np.concatenate([normals[:, kept] for normals in whole]) / size[kept],
             factor=factor[:rank, :rank],
             kept=kept,
             size=size,
         )
 
-    @cached_property
-    def root(self) -> Float[np.ndarray, "n r"]:
-        """Y with Λ = Y Yᵀ, integrals between nodes."""
-        return np.asarray(solve_triangular(self._galerkin.factor, self._galerkin.normals.T, lower=True).T)
-
     def projected(self, values: Float[np.ndarray, "n c"]) -> Float[np.ndarray, "r c"]:
-        """Yᵀ values."""
-        return np.asarray(solve_triangular(self._galerkin.factor, self._galerkin.normals.T @ values, lower=True))
+        """Products with Yᵀ, where Λ = Y Yᵀ."""
+        return self.reduced(self.products(slice(None), values))
+
+    def reduced(self, products: Float[np.ndarray, "r c"]) -> Float[np.ndarray, "r c"]:
+        """Products with Yᵀ of values with given products with the normal derivatives."""
+        return np.asarray(solve_triangular(self._galerkin.factor, products, lower=True))
+
+    def normal(self, projected: Float[np.ndarray, "r c"]) -> Float[np.ndarray, "n c"]:
+        """Y projected: integrals of ∂X/∂n between nodes for `projected` values X."""
+        own = self._galerkin
+        return np.asarray(own.normals @ solve_triangular(own.factor, projected, lower=True, trans="T"))
+
+    def products(self, rows: slice, values: Float[np.ndarray, "n c"]) -> Float[np.ndarray, "r c"]:
+        """Products of the normal derivatives with values at some nodes, 0 at the others."""
+        return np.asarray(self._galerkin.normals[rows].T @ values)
 
     def coefficients(self, values: Float[np.ndarray, "n c"]) -> Complex[np.ndarray, "k c"]:
         """Coefficients of the functions whose real part has given values at the nodes."""
@@ -233,7 +247,7 @@ class CorneredSurface:
 
         The sum of ∂X/∂n beside a corner points out of the surface.
         """
-        rims, normals = self.form.rims, self.form.root @ self._projected
+        rims, normals = self.form.rims, self.form.normal(self._projected)
         outwards, between = np.zeros((2, rims.corners, 3))
         for side, rows in zip(rims.sides, rims.rows, strict=True):
             tangents = unit(self._points[1, [rows.start, rows.stop - 1]])
@@ -269,27 +283,32 @@ class CorneredSurface:
         One is subtracted from each v, so that v = 0 at corners: φ v has finite energy then.
         """
         form = self.form
-        (_, tangent, bend), modes, root = self._points, form.rims.modes, form.root
-        normal = root @ self._projected
+        (_, tangent, bend), modes, rims = self._points, form.rims.modes, form.rims
+        normal = form.normal(self._projected)
         pull = (tangent * normal).sum(1)
-        parts = []
-        for rows, columns in zip(form.rims.rows, form.rims.columns, strict=True):
-            moved = modes[rows, columns, None] * tangent[rows, None]
-            parts.append(np.tensordot(moved, root[rows], (0, 0)).reshape(moved.shape[1], -1))
-        turned = np.concatenate(parts)
-        own = form.rims.by_modes((bend * normal).sum(1)[:, None] * modes) + turned @ turned.T
-        (_, steps), (_, slopes, bends) = form.nodes, form.at_nodes
-        phi, phi_slope = slopes @ self.coefficients, bends @ self.coefficients
+        turned = []
+        for axis in range(3):
+            moved = (
+                modes[rows, own] * tangent[rows, axis, None] for rows, own in zip(rims.rows, rims.columns, strict=True)
+            )
+            turned.append(form.reduced(np.concatenate(list(map(form.products, rims.rows, moved)), axis=1)))
+        own = rims.by_modes((bend * normal).sum(1)[:, None] * modes)
+        own = own + np.sum([one.T @ one for one in turned], axis=0)
+        _, steps = form.nodes
+        parts = [form.on_side(number)[1:] @ self.coefficients for number in range(len(rims.sides))]
+        phi, phi_slope = np.concatenate(parts, axis=1)
         moves, second = self._vanishing_moves()
         velocities, along = moves.velocities, moves.along
         squares = (phi * phi).sum(1)
         n, count = velocities.shape
         carried = phi[:, :, None] * velocities[:, None]
         changes = phi_slope[:, :, None] * (velocities * steps[:, None])[:, None] + phi[:, :, None] * along[:, None]
-        displaced = root.T @ carried.real.reshape(n, -1)
-        normals = changes.imag.reshape(n, -1) - root @ displaced  # derivatives of ΛX
-        mixed = form.rims.by_modes((tangent[:, :, None] * normals.reshape(n, 3, count)).sum(1))
-        displaced = displaced.reshape(-1, count)
+        fields = form.projected(carried.real.reshape(n, -1))
+        mixed = rims.by_modes((tangent[:, :, None] * changes.imag).sum(1))
+        mixed = mixed - np.sum(
+            [one.T @ fields[:, axis * count :][:, :count] for axis, one in enumerate(turned)], axis=0
+        )
+        displaced = fields.reshape(-1, count)
         by_moduli = displaced.T @ displaced - carried.real.reshape(-1, count).T @ changes.imag.reshape(-1, count)
         by_moduli += 0.5 * ((squares[:, None] * velocities).T @ along - second(squares * steps)).imag
         gradient = np.concatenate([modes.T @ pull, -0.5 * ((squares * steps) @ velocities).imag])
@@ -336,28 +355,3 @@ class CorneredSurface:
         if not circles.is_domain(form.rims.rim_of_corner):
             return None
         return CorneredSurface(form=replace(form, circles=circles), slides=self.slides + step[:count])
-
-    def spread(self) -> CorneredSurface:
-        """The surface over a conformal image of Ω whose holes and corners are spread evenly."""
-        form = self.form
-        circles, points = form.circles.spread(form.rims.rim_of_corner)
-        image = replace(form, circles=circles)
-        z = image.nodes[0]
-        for point in reversed(points):
-            z = turned(z, -point)
-        slides = np.empty_like(self.slides)
-        angles = np.angle(z - form.circles.centres[form.rims.rim_of_node])
-        for side, rows, columns in zip(form.rims.sides, form.rims.rows, form.rims.columns, strict=True):
-            first, arc = form.circles.arc(side)
-            # from the nearer end, as the nodes
-            ends = form.circles.signs[side.rim] * angles[rows] - np.array([[first], [first + arc]])
-            near, far = ends[0] % (2 * np.pi), -ends[1] % (2 * np.pi)
-            shares = np.where(side.shares[0] < 0.5, [near, arc - near], [arc - far, far]) / arc
-            # near corners angles are rounding errors, and modes are constant
-            far = shares.min(axis=0) > EPS**0.5
-            shares, modes = shares[:, far], form.rims.modes[rows, columns][far]
-            sums = side.base(shares) + side.modes(shares) @ self.slides[columns]
-            if side.corners is None:  # s − u is continuous
-                sums += np.round(side.shares[0, far] + (sums - shares[0]).mean() - sums)
-            slides[columns] = np.linalg.lstsq(modes, sums - side.base(side.shares[:, far]), rcond=None)[0]
-        return CorneredSurface(form=image, slides=slides)

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 from jaxtyping import Float
+from scipy.linalg import orth
 
 from spinor_geom.arrays import EPS
 from spinor_geom.deadline import require_time
@@ -21,42 +22,47 @@ from spinor_geom.plateau.steps import Steps
 # Relative curvature treated as 0. With 1e-8 lunes miss the curves by 1e-4 of an edge instead of 1e-5.
 _FLAT = 1e-9
 _LARGEST_OF_SLIDES = 2.0  # largest step of logit s
-# Newton's method goes on over a conformal image of Ω when the mean of holes and corners is this far from 0
-_UNEVEN = 0.2
 
 
 def stationary(start: CorneredSurface, steps: Steps, negligible: float = ROUNDING) -> CorneredSurface:
     """The critical point of the energy that damped Newton steps from a start lead to.
 
-    Negative curvature is reversed. Long steps are damped, and shortened until they lower the energy. Conformal maps of
-    the unit disk are free: modes represent some images of a surface better than others.
+    Negative curvature is reversed. Steps are damped where they are long or the last one fell short of what the Hessian
+    predicts, and shortened until they lower the energy. Steps along conformal maps of the unit disk, which change
+    nothing, are excluded.
 
     Raises:
         NoConnectedSurfaceError: a hole shrinks to a point.
         OutOfTimeError: time ran out.
         UnresolvedRimsError: the steps do not converge.
     """
-    here, before = start, math.inf
+    here, before, reach = start, math.inf, 1.0
     for _ in range(MOST_STEPS):
         require_time()
-        if here.form.circles.unevenness(here.form.rims.rim_of_corner) > _UNEVEN:
-            here = here.spread()
         gradient, hessian = here.derivatives()
         diagonal = np.abs(np.diag(hessian))
         unit = 1 / np.sqrt(np.maximum(diagonal, _FLAT * diagonal.max()))
-        curvatures, vectors = np.linalg.eigh(unit[:, None] * hessian * unit)
+        scaled, count = unit[:, None] * hessian * unit, len(here.slides)
+        free = orth(here.form.circles.rotations(here.form.rims.rim_of_corner) / unit[count:, None])
+        scaled[count:, count:] += free @ free.T
+        curvatures, vectors = np.linalg.eigh(scaled)
         sizes, pull = np.abs(curvatures), (unit * gradient) @ vectors
         damping = _FLAT * sizes.max()
         while True:
             step = -unit * (vectors @ (pull / (sizes + damping)))
-            if max(_extents(here, step)) <= 1:
+            if (extent := max(_extents(here, step))) <= reach:
                 break
             damping *= MORE_DAMPING
         fall = -float(step @ gradient)
         steps.take("Douglas-Newton", math.sqrt(abs(fall) / here.energy))
-        there = _lower(here, step)
+        there, length = _lower(here, step)
         if there is None:
             break
+        share = (here.energy - there.energy) / fall  # ½ for a quadratic energy
+        if length < 1 or share < 0.125:
+            reach = extent * min(length, 0.5)
+        elif share > 0.3:
+            reach = min(3 * reach, 1.0)
         # where rims nearly touch, the energy hardly depends on some slides
         is_slow, here, before = WORTHWHILE**2 * before < fall < EPS**0.5 * here.energy, there, fall
         if fall < negligible * here.energy or is_slow:
@@ -76,12 +82,12 @@ def _extents(here: CorneredSurface, step: Float[np.ndarray, " k"]) -> tuple[floa
     return float(np.abs(slides).max()) / _LARGEST_OF_SLIDES, float(np.abs(step[count:]).max()) / LARGEST_STEP
 
 
-def _lower(here: CorneredSurface, step: Float[np.ndarray, " k"]) -> CorneredSurface | None:
-    """The surface after the longest part of a step that lowers the energy, or None if short ones do not."""
+def _lower(here: CorneredSurface, step: Float[np.ndarray, " k"]) -> tuple[CorneredSurface | None, float]:
+    """The surface after the longest part of a step that lowers the energy, or None, and the length of that part."""
     length = 1.0
     while length > SMALL**0.5:
         there = here.stepped(length * step)
         if there is not None and there.energy < here.energy * (1 + ROUNDING):
-            return there
+            return there, length
         length /= 2
-    return None
+    return None, length

@@ -24,6 +24,7 @@ from spinor_geom.plateau.curve_tensors import CurveTensors
 from spinor_geom.plateau.harmonic.smooth_domain import COARSE
 from spinor_geom.plateau.network.discretisation import Discretisation, interpolate_matching
 from spinor_geom.plateau.network.network_route import Fitted, NetworkSolver
+from spinor_geom.plateau.newton import ROUNDING
 from spinor_geom.plateau.problem import PlateauProblem
 from spinor_geom.plateau.rims.capacity_path import mean_modulus
 from spinor_geom.plateau.rims.circles import Circles
@@ -67,9 +68,10 @@ def solve_with_corners(problem: PlateauProblem, starts: Sequence[OrientedSurface
         surface: CorneredSurface | None
         try:
             with problem.clock.stage("slides"):
-                surface = stationary(start.surface, problem.steps, COARSE)
+                # corners have wrong angles at first
+                surface = stationary(start.surface, problem.steps, COARSE**0.5)
                 surface = stationary(surface.refitted(START), problem.steps, COARSE)
-                surface = stationary(surface.refitted(ROUGH), problem.steps)
+                surface = stationary(surface.refitted(ROUGH), problem.steps, COARSE**2)
         except UnresolvedRimsError as failure:
             error, surface = failure, None
         except NoConnectedSurfaceError:
@@ -89,7 +91,9 @@ def _minimal(problem: PlateauProblem, start: _Start, surface: CorneredSurface) -
     if not found or problem.excess(found[0].misfit) > _WELL_BELOW:
         with _improvement(limits) if found else nullcontext():
             with problem.clock.stage("slides"):
-                surface = stationary(surface.refitted(FINE), problem.steps)
+                surface = stationary(
+                    surface.refitted(FINE), problem.steps, max((_WELL_BELOW * problem.allowed) ** 2, ROUNDING)
+                )
             found.append(_lifted(problem, start, surface))
     best = min(found, key=lambda one: one.misfit.rms)
     if problem.excess(best.misfit) > 1:
