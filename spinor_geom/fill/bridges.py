@@ -4,6 +4,7 @@ An island is a loose piece of the mesh that lies in a hole.
 """
 
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 from time import perf_counter
 
 import numpy as np
@@ -49,7 +50,7 @@ def planned_joins(
             continue
         joined = [] if islands == "ignore" else [piece for piece in pieces if piece in alone]
         names = ", ".join(map(str, joined or pieces))
-        what = "joined to it" if joined else "ignored; islands='join' joins them"
+        what = "joined to it" if joined else "ignored; islands='join' (--islands join) joins them"
         notes[hole] = f"loose pieces in the hole (loop indices: {names}): {what}"
         if joined:
             joins[hole] = tuple(joined)
@@ -114,6 +115,7 @@ def fill_between(
 ) -> tuple[list[LoopOutcome], LoopPatch | None]:
     """Joins several loops of the mesh by one patch. Returns the outcomes of all loops, and the patch or None."""
     first, *others = indices
+    options = replace(options, continuity=options.continuity_of(*indices))
     options.on_stage(first, "exact surface")
     begin = perf_counter()
     rims = ordered_loops([loops[index] for index in indices])

@@ -115,7 +115,7 @@ def fill_hole(
             tube. "auto" for the film where it meets the mesh at more than 65° (RMS), as at the end of a pipe, and the
             smooth patch elsewhere. A smooth patch that is not good is replaced by the film, with a remark. Or one for
             each loop, by index, and one for the others ("C0" if it is not given): `{4: "film", "default": "smooth"}`.
-            A bridge has that of its first loop.
+            A bridge has that of the first of its loops that is named there.
         merge: merges vertices first: with True those of equal position up to rounding to single precision, with a
             number those up to that distance, in mesh units. The first of merged vertices is kept, with its attributes.
             The result is the merged mesh with the patches. Not available for trimesh's scenes.

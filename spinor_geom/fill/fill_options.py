@@ -125,11 +125,12 @@ class FillOptions(PatchOptions):
             [index for index in self.continuity if index != "default"] if isinstance(self.continuity, Mapping) else []
         )
 
-    def continuity_of(self, index: int) -> Continuity:
-        """The continuity of the patch over a loop."""
-        if isinstance(self.continuity, Mapping):
-            return known_continuity(self.continuity.get(index, self.continuity.get("default", "C0")))
-        return known_continuity(self.continuity)
+    def continuity_of(self, *indices: int) -> Continuity:
+        """The continuity of the patch over a loop, or between several: that of the first that has one of its own."""
+        if not isinstance(self.continuity, Mapping):
+            return known_continuity(self.continuity)
+        named = [self.continuity[index] for index in indices if index in self.continuity]
+        return known_continuity((*named, self.continuity.get("default", "C0"))[0])
 
 
 def known_continuity(name: Any) -> Continuity:

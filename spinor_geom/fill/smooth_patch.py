@@ -81,11 +81,11 @@ def smooth_patch(
     if is_end and not len(film().crossings) and not film().faces_replaced:
         raise NotContinuedError(f"film and mesh {met}")
     try:
-        smooth = _continued(patched, start, collar, before, lengths)
+        smooth, crease = _continued(patched, start, collar, before, lengths)
         reason = _defect(smooth)
         if reason and not len(film().crossings):
             raise SurfaceError(reason)
-        smooth = smooth.fitted(patched) if reason else _cleared(patched, smooth, lengths)
+        smooth = smooth.fitted(patched) if reason else _cleared(patched, smooth, collar, crease, lengths)
         reason, own = reason or _defect(smooth) or _defect_of_clearing(smooth), len(smooth.crossings)
         if reason and own:
             raise SurfaceError(reason)
@@ -105,8 +105,13 @@ def smooth_patch(
     return replace(smooth, continuation=None, solution=None, choice=choice, reason=reason)
 
 
-def _continued(patched: PatchedMesh, start: NewPatch, collar: Collar, before: Bend, lengths: EdgeLengths) -> NewPatch:
-    """The continuation from a patch. Raises as `continue_patch`, or a SurfaceError if nothing can move."""
+def _continued(
+    patched: PatchedMesh, start: NewPatch, collar: Collar, before: Bend, lengths: EdgeLengths
+) -> tuple[NewPatch, Int[np.ndarray, " k"] | None]:
+    """The continuation from a patch, and `Faired.crease`.
+
+    Raises as `continue_patch`, or a SurfaceError if nothing can move.
+    """
     if len(start.patch.vertices) == len(start.rim):
         raise SurfaceError("it has no inner vertices; a shorter target_edge_length (--edge-length) makes some")
     faired = continue_across_crease(patched, start.rim, start.patch, collar, lengths)
@@ -121,10 +126,12 @@ def _continued(patched: PatchedMesh, start: NewPatch, collar: Collar, before: Be
         area_ratio=faired.patch.area / start.patch.area,
         crease=float(np.degrees(collar.crease_angles.max())) if faired.crease is not None else 0.0,
     )
-    return replace(start, patch=faired.patch, reason="", continuation=continuation)
+    return replace(start, patch=faired.patch, reason="", continuation=continuation), faired.crease
 
 
-def _cleared(patched: PatchedMesh, smooth: NewPatch, lengths: EdgeLengths) -> NewPatch:
+def _cleared(
+    patched: PatchedMesh, smooth: NewPatch, collar: Collar, crease: Int[np.ndarray, " k"] | None, lengths: EdgeLengths
+) -> NewPatch:
     """A continuation without intersections and thin triangles that can be avoided."""
     continuation, area = smooth.continuation, smooth.patch.area
     assert continuation is not None
@@ -132,7 +139,10 @@ def _cleared(patched: PatchedMesh, smooth: NewPatch, lengths: EdgeLengths) -> Ne
     with suppress(OutOfTimeError):
         smooth = without_thin_triangles(patched, smooth, lengths)
     ratio = continuation.area_ratio * smooth.patch.area / area
-    return replace(smooth, continuation=replace(continuation.with_angles_of(smooth.patch), area_ratio=ratio))
+    after = bend_across(collar, smooth.patch, crease)
+    return replace(
+        smooth, continuation=replace(continuation.with_angles_of(smooth.patch), after=after, area_ratio=ratio)
+    )
 
 
 def _defect(smooth: NewPatch) -> str:

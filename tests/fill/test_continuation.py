@@ -28,7 +28,7 @@ from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.operators import nearest_on_mesh
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import Patch
-from tests.fill.shapes import bowl_below, cone, cylinder, hull, icosphere, rounds_and_rows, together, without
+from tests.fill.shapes import bowl_below, cone, cylinder, hull, icosphere, rounds_and_rows, together, tube, without
 from tests.fill.test_seams import box
 from tests.systems import every_second
 
@@ -536,6 +536,13 @@ def test_auto_takes_the_continuation_if_the_film_intersects() -> None:
 def test_continuity_can_be_given_for_each_loop(continuity: Any, kinds: list[str]) -> None:
     _, report = fill_hole(cylinder(16, 3), continuity=continuity, return_report=True)
     assert [outcome.kind for outcome in report.loops] == kinds
+
+
+@pytest.mark.parametrize("named", [0, 1])
+def test_a_bridge_has_the_continuity_of_any_of_its_loops(named: int) -> None:
+    mesh = together(tube(), (tube()[0] * [1, -1, -1] - [0, 0, 0.8], tube()[1]))
+    _, report = fill_hole(mesh, bridge=(0, 1), continuity={named: "smooth"}, return_report=True)
+    assert [report.loops[k].kind for k in (0, 1)] == ["smooth", "smooth"]
 
 
 def test_the_bend_is_the_angle_between_the_faces_at_the_rim() -> None:

@@ -13,13 +13,15 @@ from spinor_geom.bench.cut_outs import named_cut_out
 from spinor_geom.bench.holes import lattice
 from spinor_geom.bench.ragged import reported_bowl
 from spinor_geom.fill import fairing
-from spinor_geom.fill.collar import Bend
+from spinor_geom.fill.collar import Bend, bend_across, collar_of
 from spinor_geom.fill.fairing import Faired
 from spinor_geom.fill.fill_hole import fill_hole
 from spinor_geom.fill.fill_result import LoopOutcome
 from spinor_geom.fill.loop_choice import boundary_loops
+from spinor_geom.fill.patched_mesh import PatchedMesh
 from spinor_geom.measures import distances_to_mesh, mesh_samples
 from spinor_geom.mesh.operators import internal_angles
+from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from spinor_geom.meshing.embed import Patch
 from tests.fill.shapes import bowl_below, cylinder, icosphere, rounds_and_rows, without
 from tests.systems import every_second
@@ -197,6 +199,16 @@ def test_steep_ragged_bowls_have_no_smaller_angles_than_their_rims(number: int) 
     angles = smooth.patch.angles
     assert min(angles.at_rim, angles.smallest_free) == pytest.approx(continuation.smallest_angle, rel=1e-8)
     assert continuation.smallest_angle >= min(10, continuation.smallest_rim_angle or np.inf)
+
+
+@pytest.mark.parametrize("number", [10, 15])
+def test_the_bend_across_the_rim_is_that_of_a_patch_moved_off_the_mesh(number: int) -> None:
+    hole = reported_bowl(number)
+    mesh = hole.vertices, hole.faces
+    (smooth,) = (outcome for outcome in fill_hole(mesh, continuity="C1", return_report=True)[1].loops if outcome.filled)
+    assert smooth.displacement
+    collar = collar_of(PatchedMesh(TriangleMesh(*mesh)), smooth.loop.vertex_ids, smooth.patch)
+    assert smooth.continuation.after.rms == pytest.approx(bend_across(collar, smooth.patch).rms, rel=1e-6)
 
 
 @pytest.mark.parametrize("subdivisions", [1, 2, 3])
