@@ -20,7 +20,7 @@ from spinor_geom.errors import DomainError, OptionError, OutOfTimeError, require
 from spinor_geom.mesh.boundary_loop import diagonals
 from spinor_geom.mesh.rational_splines import NurbsCurve, NurbsPatch, homogeneous, on_side
 from spinor_geom.nurbs.blocks import Blocks
-from spinor_geom.nurbs.one_patch import OnePatch
+from spinor_geom.nurbs.corner_patches import CornerPatches
 from spinor_geom.nurbs.polynomial_disk import QUADS, PolynomialDisk
 from spinor_geom.nurbs.rims import Rim
 from spinor_geom.nurbs.samples import Samples
@@ -39,6 +39,7 @@ _OF_TOLERANCE = 0.01  # accuracy of positions, relative to the tolerance
 # surface found is another one over the same curves.
 _BELOW, _SAME_AREA = 0.5, 1e-3
 _FARTHEST = 0.5  # boundary residual, per mean edge, above which no case was met whose boundary runs along Γ
+_FEW_CORNERS = 4  # of a frame that one patch may cover
 _AROUND, _ROUNDING = 256, 1e-12  # points of a rim for its diagonal, and tolerance of exact patches
 _ROUNDINGS = 16  # of a position, that interpolation adds up: 8 were measured
 
@@ -272,16 +273,12 @@ def _plane(solution: PlateauSolution, tolerance: float, diagonal: float) -> Nurb
 def _within(solution: PlateauSolution, allowed: float) -> PlateauSolution:
     """The solution, solved again if its boundary is farther from the curves than allowed, in mesh units.
 
-    The given solution is kept if no other is nearer, or if that is another surface over the same curves. A solve that
-    missed its own tolerance is not followed by another one.
+    The nearest one is kept, unless it is another surface over the same curves. The largest distance may grow first
+    where the residual decreases. A solve that missed its own tolerance is not followed by another one.
     """
-    solve, tolerance = solution.solved_to, solution.boundary_residual.rms_per_edge
-    while solve is not None and not is_out_of_time():
-        residual = solution.boundary_residual
-        missed = residual.max / allowed
-        if missed <= 1:
-            break
-        tolerance = min(tolerance, residual.rms_per_edge) * _BELOW / missed
+    solve, residual, missed = solution.solved_to, solution.boundary_residual.rms_per_edge, _missed(solution)
+    while solve is not None and missed > allowed and not is_out_of_time():
+        tolerance = residual * _BELOW * allowed / missed
         try:
             with time_limit(seconds_left() / 2):  # the rest is for the patches
                 again = solve(tolerance)
@@ -289,35 +286,52 @@ def _within(solution: PlateauSolution, allowed: float) -> PlateauSolution:
             break
         if isinstance(again, NoConnectedSurface) or abs(again.area - solution.area) > _SAME_AREA * solution.area:
             break
-        if not again.boundary_residual.max < residual.max:
-            break
-        solution = again
-        if not again.converged:
+        before, residual, distance = residual, again.boundary_residual.rms_per_edge, _missed(again)
+        is_nearer = distance < missed
+        if is_nearer:
+            solution, missed = again, distance
+        if not again.converged or not (is_nearer or residual < before):
             break
     return solution
+
+
+def _missed(solution: PlateauSolution) -> float:
+    """The largest distance of the surface from its curves and, at their corners, of corners from corners."""
+    return max(solution.boundary_residual.max, *(rim.largest_at_corners for rim in Rim.all_of(solution)))
 
 
 def _fitted(
     solution: PlateauSolution, rims: tuple[Rim, ...], tolerance: float, rounding: float
 ) -> tuple[QuadMesh, Fit, Sampler]:
-    """One patch over a curve with 2 to 4 corners, otherwise several: where it would be folded or is not near enough.
+    """One patch over a curve with up to 4 corners, or a few where it would be folded. Otherwise rings along the rims.
 
-    A patch that is not near enough is kept at the time limit, and where Ω cannot be divided.
+    Patches between corners that are not near enough are kept at the time limit, and where rings are not nearer or
+    cannot be made. Where rings cannot be made over more corners, patches between these are.
     """
-    patch = OnePatch.of(solution.array_surface, rims)
-    if patch is None:
+    failed: DomainError | None = None
+    if len(rims[0].corners) > _FEW_CORNERS:
+        try:
+            return _patches(solution, rims, tolerance, rounding)
+        except DomainError as error:
+            failed = error
+    few = CornerPatches.of(solution.domain, rims)
+    if few is None:
+        if failed is not None:
+            raise failed
         return _patches(solution, rims, tolerance, rounding)
     allowed = tolerance * solution.diagonal
     begin = perf_counter()
-    fit = fitted(patch.mesh, patch.on, allowed, rounding)
+    fit = fitted(few.mesh, few.on, allowed, rounding)
     spent = perf_counter() - begin
-    for side in np.flatnonzero(patch.collapsed).tolist():
-        row = fit.nets[0][on_side(side)]
+    for quad, side in np.argwhere(few.collapsed).tolist():
+        row = fit.nets[quad][on_side(side)]
         row[:] = row[0]
-    if fit.error > allowed and seconds_left() > 2 * spent:  # several patches take longer than one
+    if failed is None and fit.error > allowed and seconds_left() > 2 * spent:  # several patches take longer than one
         with suppress(DomainError):  # a part of Ω is too narrow, as at a sharp angle
-            return _patches(solution, rims, tolerance, rounding)
-    return patch.mesh, fit, patch.on
+            several = _patches(solution, rims, tolerance, rounding)
+            if several[1].error < fit.error:
+                return several
+    return few.mesh, fit, few.on
 
 
 def _patches(

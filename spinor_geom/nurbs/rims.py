@@ -190,6 +190,12 @@ class Rim:
         shift = (1 - share) * missed[place] + share * missed[place + 1]
         return s - turns == ends[place], t[place] + turns, t[place + 1] + turns, shift
 
+    @property
+    def largest_at_corners(self) -> float:
+        """The largest distance of positions from Γ at its corners."""
+        missed = self._missed_corners if len(self.corners) else np.zeros((1, 3))
+        return float(np.linalg.norm(missed, axis=1).max())
+
     @cached_property
     def _missed_corners(self) -> Float[np.ndarray, "c1 3"]:
         """Positions minus Γ at the corners."""
@@ -211,6 +217,10 @@ class Rim:
     def positions(self, t: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
         """Positions of the surface at parameters on ∂Ω."""
         return np.asarray(self.start + self.primitive.at(t % 1.0)[0])
+
+    def positions_inside(self, z: Complex[np.ndarray, "*pts"]) -> Float[np.ndarray, "*pts 3"]:
+        """Positions of a surface over a disk inside Ω, by Cauchy's formula: paths to corners would end near poles."""
+        return np.asarray(self.start + self.primitive.inside(z.ravel()).real.reshape(*z.shape, 3))
 
 
 def _primitive(surface: ArraySurface, boundary: Boundary, accuracy: float) -> RimPrimitive | SmoothPrimitive:

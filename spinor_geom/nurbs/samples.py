@@ -20,7 +20,6 @@ from spinor_geom.nurbs.smooth_primitive import SmoothPrimitive
 from spinor_geom.nurbs.strips import Breaks, Grid, Values
 from spinor_geom.surface.array_surface import ArraySurface
 from spinor_geom.surface.formulas import phi
-from spinor_geom.surface.interior import ORDER, RimPrimitive, breaks_for
 
 Function = Callable[[Complex[np.ndarray, " k"]], Complex[np.ndarray, "k 3"]]
 
@@ -81,7 +80,6 @@ def _interpolated(
 
 _ORDER = 10  # Gauss nodes per piece of a line from ∂Ω: exact for twice the degree of the splines
 _TOWARDS_RIM = 0.25 ** np.arange(3, 0, -1)  # more ends of pieces next to rims with corners, relative to the first piece
-_ALONG = np.linspace(0, 1, 17)  # points per inner side of a ring: panels on ∂Ω are short enough for these
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -187,16 +185,16 @@ class Samples:
         """Positions at arrays of points of quadrilaterals, in rings only if `_is_smooth`."""
         if self.surface.has_closed_positions or len(self.rims) > 1:
             return _split(self.surface.position, z)
-        start = self.rims[0].start
         if self._polynomials is None:
-            return _split(lambda w: start + self._primitive.inside(w).real, z)
+            return _split(self.rims[0].positions_inside, z)
+        start = self.rims[0].start
         values = self._polynomials.values(quads, [w.ravel() for w in z])
         return [start + value.real.reshape(*w.shape, 3) for value, w in zip(values, z, strict=True)]
 
     @property
     def _is_smooth(self) -> bool:
         """Whether `_inside` is accurate up to ∂Ω."""
-        return self.surface.has_closed_positions or self._polynomials is not None
+        return self.surface.has_closed_positions or len(self.rims) == 1
 
     @cached_property
     def _polynomials(self) -> QuadPolynomials | None:
@@ -217,15 +215,6 @@ class Samples:
             first, last = self.blocks.parts[..., None].swapaxes(0, 1)
             points[: len(first)] = self.rims[0].point(first + u * (last - first))
         return np.asarray(points)
-
-    @cached_property
-    def _primitive(self) -> RimPrimitive:
-        """∫ φ dz along the boundary of a disk, by panels that are accurate for points inside the ring."""
-        start, end = self.blocks.points[self.blocks.quads[: len(self.blocks.parts), 2:]].T
-        boundary = self.rims[0].boundary
-        inner = (start[:, None] + _ALONG * (end - start)[:, None]).ravel()
-        breaks, _ = breaks_for(boundary, inner)
-        return RimPrimitive.along(boundary, self._phi, ORDER, breaks)
 
 
 def _extended(

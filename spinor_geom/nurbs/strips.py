@@ -52,8 +52,10 @@ class QuadMesh:
 
     @cached_property
     def edges(self) -> Int[np.ndarray, "q 4"]:
-        """The number of the edge of the mesh at each side."""
-        _, index = np.unique(np.sort(self._sides.reshape(-1, 2), axis=1), axis=0, return_inverse=True)
+        """The number of the edge of the mesh at each side. Sides on rims, and in corners, are edges of their own."""
+        ends = np.sort(self._sides.reshape(-1, 2), axis=1)
+        own = np.where(self.on_rims.ravel() | (ends[:, 0] == ends[:, 1]), np.arange(len(ends)), -1)
+        _, index = np.unique(np.column_stack([ends, own]), axis=0, return_inverse=True)
         return np.asarray(index).reshape(-1, 4)
 
     @cached_property

@@ -191,6 +191,17 @@ def test_a_solve_that_missed_its_tolerance_is_used_and_ends_the_search() -> None
     assert "no solve in the given time was near enough" in surface.reason
 
 
+def test_a_solve_is_continued_where_the_largest_distance_grows_first() -> None:
+    solution = SMOOTH["seam"]()
+    first, farther = (
+        replace(solution, boundary_residual=replace(solution.boundary_residual, max=largest, rms=rms))
+        for largest, rms in ((1e-5, 1e-5), (2e-5, 1e-6))
+    )
+    rest = iter([farther, solution])
+    replace(first, solved_to=lambda _: next(rest)).to_nurbs()
+    assert next(rest, None) is None  # both were tried
+
+
 def test_a_solve_is_continued_to_the_tolerance_of_patches() -> None:
     solution = spinor_geom.solve_plateau(gallery.random_curve(26))
     missed = solution.boundary_residual

@@ -11,7 +11,7 @@ from spinor_geom.adapters.open_cascade import read_shape
 from spinor_geom.gallery import curves
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.nurbs import nurbs_surface, strips
-from spinor_geom.nurbs.one_patch import OnePatch
+from spinor_geom.nurbs.corner_patches import CornerPatches
 from spinor_geom.nurbs.rims import Rim
 from tests.open_cascade import free_wires, is_valid
 
@@ -83,14 +83,39 @@ def test_a_single_sharp_corner_is_a_pole_of_one_patch(degrees: float, is_one: bo
     assert free_wires(shape)[:2] == (1, 0)
 
 
-def test_folded_patches_are_not_made() -> None:
+def test_a_disk_is_divided_where_one_patch_would_be_folded() -> None:
     """One side has a peak: lines between equal shares of opposite sides cross its flank."""
     x = np.concatenate([np.linspace(0, 0.1, 4)[:-1], np.linspace(0.1, 0.3, 40), np.linspace(0.3, 1, 8)[1:]])
     for height, is_folded in ((0.7, True), (0.0, False)):
         side = np.column_stack([x, height * np.exp(-(((x - 0.2) / 0.06) ** 2)), 0 * x])
         points, n = np.concatenate([side, [[1, 1, 0], [0, 1, 0]]]), len(x)
         solution = spinor_geom.solve_plateau(BoundaryLoop.from_points(points, corners=[0, n - 1, n, n + 1]))
-        assert (OnePatch.of(solution.array_surface, Rim.all_of(solution)) is None) == is_folded
+        found = CornerPatches.of(solution.domain, Rim.all_of(solution))
+        assert (found is None or len(found.quads) > 1) == is_folded
+
+
+def test_a_dart_is_two_patches_on_both_sides_of_its_reentrant_corner(tmp_path: Path) -> None:
+    """Tips of 10°, which a ring of patches along the rim cannot pass."""
+    corners = np.array([[-1, 0, 0], [0, np.tan(np.radians(20)), 0.02], [0.9, 0, 0], [0, np.tan(np.radians(30)), 0]])
+    solution = spinor_geom.solve_plateau(curves.polygon(corners))
+    surface = solution.to_nurbs(tolerance=1e-5)
+    assert surface.converged
+    assert len(surface.patches) == 2
+    assert len(surface.seams) == 1
+    assert abs(surface.area / solution.area - 1) < 1e-5  # the tolerance
+    surface.save(tmp_path / "film.step")
+    shape = read_shape(tmp_path / "film.step")
+    assert is_valid(shape)
+    assert free_wires(shape) == (1, 0, 4)
+
+
+def test_positions_are_continuous_at_corners() -> None:
+    """Integrals along segments, which end near poles there, jump by 2e-8 of the diagonal."""
+    solution = spinor_geom.solve_plateau(curves.polygon(frame(0)))
+    (rim,) = Rim.all_of(solution)
+    t = rim.on_boundary(rim.corners)
+    inside = rim.boundary.point(t) * (1 - 1e-12) + 1e-12 * solution.domain.triangulation.points.mean()
+    assert np.abs(rim.positions_inside(inside) - rim.positions(t)).max() < 1e-9 * solution.diagonal
 
 
 def test_a_patch_that_was_cut_short_is_kept_and_reported(monkeypatch: pytest.MonkeyPatch) -> None:
