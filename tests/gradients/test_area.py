@@ -27,9 +27,7 @@ def along(gradients, moves):
 def test_gradient_equals_differences(name):
     rims, moves, gradients = ROUTES[name], moves_of(name), solved(name).area_gradient
     slope = difference(lambda size: solved(name, moved(rims, moves, size)).area)
-    # solves of rough rims differ by their residuals, and so do their areas
-    error = 1e-5 if "rough" in name else ERROR
-    assert abs(along(gradients, moves) - slope) < error * sum(map(np.linalg.norm, gradients))
+    assert abs(along(gradients, moves) - slope) < ERROR * sum(map(np.linalg.norm, gradients))
 
 
 @pytest.mark.parametrize("name", names("network", "flattened"))
