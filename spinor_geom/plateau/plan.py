@@ -291,4 +291,4 @@ def _on_divided_sides(problem: PlateauProblem) -> PlateauSolution:
     finer = replace(PlateauProblem.of([whole], problem.options), steps=problem.steps, parts=_PARTS_OF_A_SIDE)
     solution = minimal_disk(finer, plan(finer))
     rim = replace(solution.rims[0], loop=loop, curve=problem.curve.placed(loop.points, loop.diagonal))
-    return replace(solution, rims=(rim,))
+    return replace(solution, rims=(rim,), solved_to=None)

@@ -30,9 +30,10 @@ from spinor_geom.plateau.misfit import BoundaryResidual, Misfit
 from spinor_geom.plateau.options import Options
 from spinor_geom.plateau.rim_match import RimMatch
 from spinor_geom.plateau.roughness import roughness
-from spinor_geom.plateau.route_result import RouteResult
+from spinor_geom.plateau.route_result import RouteResult, typed_failures
 from spinor_geom.plateau.solution import PlateauSolution, RouteName
 from spinor_geom.plateau.steps import Clock, Iteration, Steps
+from spinor_geom.plateau.threads import one_thread
 
 MOST_FREE_POINTS = 1500  # largest number of points for surfaces through the points, whose cost grows as n³
 # Most points of a loop for the first disk, Ω and the poles. Longer loops are thinned for them. Γ uses all points.
@@ -228,7 +229,18 @@ class PlateauProblem:
             reason=reason,
             evidence=evidence,
             annulus=annulus,
+            solved_to=found.resume
+            and partial(_resumed, found.resume, replace(self, steps=Steps(limit=self.steps.limit))),
         )
+
+
+def _resumed(
+    resume: Callable[[PlateauProblem], RouteResult], problem: PlateauProblem, tolerance: float
+) -> PlateauSolution:
+    steps, options = replace(problem.steps, history=[]), replace(problem.options, tolerance=tolerance)
+    with one_thread(), typed_failures():
+        again = replace(problem, options=options, steps=steps, clock=Clock())
+        return again.solution(resume(again))
 
 
 @dataclass(frozen=True, eq=False)

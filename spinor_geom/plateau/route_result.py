@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -46,6 +47,7 @@ class RouteResult:
     limit: str  # why the distance from Γ was not reduced further, as the end of a sentence
     curvature: Curvature | None = None  # total curvature of the surface, if the route computes it
     rims_result: RimsResult | None = None  # None for a disk
+    resume: Callable[[Any], RouteResult] | None = None  # goes on from here, for a problem with another tolerance
 
     @property
     def surface(self) -> ArraySurface:

@@ -83,7 +83,8 @@ class PlateauSolution(Shown):
         evidence: the surface and its checks, computed on first use.
         annulus: properties of a surface over several rims, or None for disks.
         free_edges: with `mirror`, the intervals of parameters of `curve` on which the surface meets a plane.
-        solved_to: solves the same problem with another tolerance, or None for surfaces of a batch or a search.
+        solved_to: solves the same problem with another tolerance, a network from here on. None for other surfaces of a
+            batch or a search.
     """
 
     rims: tuple[RimMatch, ...]

@@ -207,7 +207,7 @@ def solve_plateau(
         if all_solutions:
             return all_surfaces(problem)
         solution = minimal_disk(problem, plan(problem)) if problem.is_disk else surface_between(problem)
-    if isinstance(solution, NoConnectedSurface):
+    if isinstance(solution, NoConnectedSurface) or solution.solved_to is not None:
         return solution
     # without the functions in formulas and `on_iteration`, so that solutions can be pickled
     curves = [curve if curve.is_formula else None for curve in problem.curves]

@@ -1,12 +1,16 @@
 """The surface of a fit: its paths avoid the poles, and the residual contains the error of paths that do not."""
 
+import pickle
+
 import numpy as np
 import pytest
 
 from spinor_geom import gallery
+from spinor_geom.errors import DomainError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau import solve_plateau
-from spinor_geom.plateau.network import network_route
+from spinor_geom.plateau.network import fitted, network_route
+from spinor_geom.plateau.network.gauss_newton import Fit
 from spinor_geom.plateau.network.network_route import NetworkSolver
 from spinor_geom.plateau.options import Options
 from spinor_geom.plateau.problem import PlateauProblem, start_indices
@@ -14,7 +18,7 @@ from spinor_geom.plateau.problem import PlateauProblem, start_indices
 
 @pytest.mark.parametrize("order", [1, 2])
 def test_residual_contains_the_errors_of_the_surface_s_paths(monkeypatch, order):
-    monkeypatch.setattr(network_route, "PATH_ORDER", order)
+    monkeypatch.setattr(fitted, "PATH_ORDER", order)
     loop = gallery.twisted_circle().sample(48)
     solution = solve_plateau(loop, model="cauchy", max_iterations=20)
     boundary = solution.domain.boundary
@@ -68,3 +72,47 @@ def test_straight_sides_of_one_edge_are_divided_for_the_first_surface():
     solution = solve_plateau(loop, tolerance=1e-5)
     assert solution.route == "network"
     assert solution.boundary_residual.max < 1e-6 * solution.diagonal  # what patches for CAD need
+
+
+def frame_with_an_obtuse_corner():
+    """Two straight sides and three bent ones of 11 points, with angles of 40° to 116°."""
+    rng = np.random.default_rng(102)
+    count = int(rng.integers(3, 9))
+    turn = 2 * np.pi * (np.arange(count) + rng.uniform(-0.3, 0.3, count)) / count
+    radii = rng.uniform(0.7, 1.3, count), rng.uniform(0.7, 1.3, count)
+    ends = np.column_stack([np.cos(turn) * radii[0], np.sin(turn) * radii[1], rng.uniform(-0.4, 0.4, count)])
+    u = (np.linspace(0, 1, int(rng.integers(8, 33)), endpoint=False))[:, None]
+    sides = []
+    for a, b in zip(ends, np.roll(ends, -1, axis=0), strict=True):
+        if rng.random() < 0.4:
+            sides.append(a[None])
+        else:
+            bends = rng.normal(size=(2, 3)) * np.linalg.norm(b - a) * 0.2
+            sides.append(a + u * (b - a) + np.sin(np.pi * u) * bends[0] + np.sin(2 * np.pi * u) * bends[1] / 2)
+    return BoundaryLoop.from_points(np.concatenate(sides), corners=np.cumsum([0, *map(len, sides[:-1])]))
+
+
+def test_a_corner_of_the_domain_is_moved_to_that_of_the_curve(monkeypatch):
+    def fails(*_):
+        raise DomainError("no finer disk")
+
+    monkeypatch.setattr(network_route, "finer_disk", fails)
+    # the first fit is 7e-3 of an edge from the frame, with any number of features
+    assert solve_plateau(frame_with_an_obtuse_corner()).converged
+
+
+def test_the_boundary_of_a_rescaled_domain_has_the_lengths_of_the_surface():
+    solver = NetworkSolver(problem=PlateauProblem.of([frame_with_an_obtuse_corner()], Options()))
+    first = solver._fitted_from(solver.first_surface)
+    stage, readout, slide = first.stage.rescaled(first.fit, offset=1.0)
+    scale = (np.abs(stage.problem.features[: stage.problem.nodes] @ readout) ** 2).sum(axis=1)
+    assert np.quantile(np.abs(np.log(scale)), 0.9) < 0.02  # splines between 35 vertices, and least squares
+    assert Fit.at(stage.problem, readout, slide).residual < 1e-3
+
+
+def test_a_solution_is_continued_on_its_domain():
+    solution = solve_plateau(frame_with_an_obtuse_corner())
+    nearer = solution.solved_to(1e-4)
+    assert nearer.converged
+    assert "flattening" not in nearer.solve_timings
+    assert len(pickle.dumps(nearer)) < 1e6  # without the features

@@ -11,37 +11,33 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import pairwise
+from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Complex, Float
 
-from spinor_geom.arrays import EPS, Array, modulo_one, namespace, place_of, square
+from spinor_geom.arrays import EPS, Array, modulo_one
 from spinor_geom.deadline import require_time
 from spinor_geom.discrete.area_descent import Disk
 from spinor_geom.discrete.minimal_surface import finer_disk, first_disk
 from spinor_geom.discrete.strip import discrete_annulus, runs_backward
 from spinor_geom.domain.flattening import flatten
 from spinor_geom.domain.opening import Opening
-from spinor_geom.domain.plane_domain import PARTS, PlaneDomain, SplineBoundary, panel_breaks, sampled
-from spinor_geom.domain.quadrature import Panels
+from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary, sampled
 from spinor_geom.errors import DomainError, OutOfTimeError, SingularMatrixError
-from spinor_geom.holomorphic.cauchy import CauchyNetwork
 from spinor_geom.holomorphic.poles import corner_poles
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.curve_tensors import CurveTensors
 from spinor_geom.plateau.initial_spinors import lifted_spinors
-from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.network.discretisation import Discretisation, independent_residual
+from spinor_geom.plateau.network.fitted import Fitted, fitted_surface
 from spinor_geom.plateau.network.gauss_newton import Fit, gauss_newton
 from spinor_geom.plateau.problem import PlateauProblem, Route, start_indices
 from spinor_geom.plateau.roughness import is_rough, roughness
 from spinor_geom.plateau.route_result import RimsResult, RouteResult
 from spinor_geom.plateau.solution import RouteName
 from spinor_geom.plateau.steps import SPENT, STALLED
-from spinor_geom.plateau.vertices.point_equations import PointEquations
-from spinor_geom.surface.array_surface import PATH_ORDER, ArraySurface
-from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.frames import signs_close_up
 
 # Shares of a loop. For the first discrete surface long edges are divided into parts as long as the median edge, which
@@ -127,18 +123,21 @@ class NetworkSolver:
         return tuple(len(side.corners) for side in self._sides)
 
     @property
+    def _start(self) -> Disk:
+        return self.problem.start or self.first_surface
+
+    @property
     def _is_rough(self) -> bool:
         return any(map(is_rough, self.problem.units, self.problem.curves))
 
-    def solve(self) -> RouteResult:
-        """The minimal surface fitted from the problem's start, or from a first discrete surface."""
-        start = self.problem.start or self.first_surface
-        fitted = self._fitted_from(start)
+    def solve(self, before: Fitted | None = None) -> RouteResult:
+        """The minimal surface fitted from an earlier fit, the problem's start, or a first discrete surface."""
+        fitted = self._fitted_from(self._start) if before is None else self._resumed(before)
         # a finer disk has moduli nearer to the right ones: eight corners of a prism are met only from it
         if self.problem.is_disk and self._is_missed(fitted) and fitted.stage.has_moduli and not self._is_rough:
-            fitted = self._improved(fitted, start)
+            fitted = self._improved(fitted, self._start)
         if self.problem.is_disk and self._is_missed(fitted):
-            fitted = self._opened(fitted, start)
+            fitted = self._opened(fitted, self._start)
         rims_result = None
         if not self.problem.is_disk:
             rims_result = RimsResult(
@@ -181,7 +180,25 @@ class NetworkSolver:
                 route=route,
                 limit=self._limit(fitted),
                 rims_result=rims_result and replace(rims_result, period=surface.largest_period()),
+                # without the features, which are computed again: they take megabytes
+                resume=partial(_resume, replace(fitted, stage=replace(fitted.stage))) if route == "network" else None,
             )
+
+    def _resumed(self, before: Fitted) -> Fitted:
+        """The fit from an earlier one on its Ω, with the clusters of poles for this tolerance."""
+        stage = replace(before.stage)  # so that the kept one stays without features
+        with self.problem.clock.stage("features"):
+            new = Discretisation.first(
+                stage.domain,
+                stage.curves,
+                stage.corners,
+                degree=stage.degree,
+                offset=self.problem.options.cauchy.pole_offset,
+                at_corner=corner_poles(self.problem.options.tolerance),
+            )
+            readout, slide = new.transferred(stage, before.fit)
+        with self.problem.clock.stage("fit"):
+            return self._refined(new, readout, slide, self._with_right_moduli if new.has_moduli else self._fitted)
 
     def _improved(self, fitted: Fitted, disk: Disk) -> Fitted:
         """The better of a fit and a fit from a finer disk, or the first one if the second fails."""
@@ -260,10 +277,12 @@ class NetworkSolver:
         stage: Discretisation,
         readout: Complex[Array, "n 2"],
         slide: Float[Array, " nodes"],
-        begin: Callable[[Discretisation, Complex[Array, "n 2"], Float[Array, " nodes"]], Fitted],
+        begin: _Begin,
     ) -> Fitted:
         """The best of several rounds of Gauss-Newton, each with more poles where the last residual was large."""
         best = begin(stage, readout, slide)
+        if stage.domain.corners.any() and self.problem.is_disk and not self._is_rough:
+            best = self._rescaled(best, begin)
         while self._is_missed(best) and not self._is_lost(best):
             finer = best.stage.refined(best.energy, best.misfit.rms / self.problem.excess(best.misfit))
             if finer is None:
@@ -278,6 +297,19 @@ class NetworkSolver:
             if not self._may_meet(before, best):
                 break
         return best
+
+    def _rescaled(self, fitted: Fitted, begin: _Begin) -> Fitted:
+        """The best of a fit that misses corners, and of those on rescaled Ω, as long as each halves the residual."""
+        while self._is_missed(fitted) and fitted.stage.share_at_corners(fitted.energy) > 0.5:
+            before, offset = fitted, self.problem.options.cauchy.pole_offset
+            try:
+                again = begin(*before.stage.rescaled(before.fit, offset=offset))
+            except (DomainError, SingularMatrixError, OutOfTimeError):
+                break
+            fitted = min(again, before, key=lambda one: one.misfit.rms)
+            if not fitted.misfit.rms < before.misfit.rms / 2:
+                break
+        return fitted
 
     def _is_lost(self, fitted: Fitted) -> bool:
         """Whether the disk over a smooth loop is too far from Γ for more features to help."""
@@ -367,24 +399,14 @@ class NetworkSolver:
         return f"a network of {features} features does not reduce the residual further: {where}"
 
 
+_Begin: TypeAlias = Callable[[Discretisation, Complex[Array, "n 2"], Float[Array, " nodes"]], Fitted]
+
+
+def _resume(before: Fitted, problem: PlateauProblem) -> RouteResult:
+    return NetworkSolver(problem=problem).solve(before)
+
+
 NETWORK = Route("network", lambda problem: NetworkSolver(problem=problem).solve())
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Fitted:
-    """The fit of one round, with its measured residual."""
-
-    stage: Discretisation
-    fit: Fit
-    misfit: Misfit  # at unit size
-    energy: Float[np.ndarray, " panels"]  # squared distance from Γ on each panel
-    rounds: int = 1  # number of rounds so far
-    folds: bool = False  # whether Ω folds before it reaches the right conformal moduli
-
-    @property
-    def features(self) -> int:
-        """Number of features of the network."""
-        return int(self.stage.network.mixing.shape[1])
 
 
 def point_in_hole(hole: Complex[np.ndarray, " n"]) -> complex:
@@ -395,46 +417,3 @@ def point_in_hole(hole: Complex[np.ndarray, " n"]) -> complex:
     sides = np.abs(np.stack([b - c, c - a, a - b], axis=1))
     radius = np.imag(np.conj(b - a) * (c - a)) / sides.sum(axis=1)
     return complex(np.average(corners[radius.argmax()], weights=sides[radius.argmax()]))
-
-
-def fitted_surface(fitted: Fitted, *, allowed: float) -> tuple[ArraySurface, float]:
-    """The fitted surface at unit size, and the RMS distance of its boundary from the fit's.
-
-    The fit integrates φ along ∂Ω, the surface along paths in Ω. The results agree unless a path is too close to a pole.
-    """
-    stage, fit = fitted.stage, fitted.fit
-    place, xp = place_of(fit.readout), namespace(fit.readout)
-    network = replace(stage.network, readout=fit.readout)
-    some = xp.arange(stage.panels.order // 2, len(stage.panels.t), stage.panels.order)
-    weight = stage.problem.arc_weights.reshape(-1, stage.panels.order).sum(1)
-    # at notches, edges of the polygon can be outside Ω and close to poles. A finer polygon avoids this
-    for parts in (1, PARTS):
-        domain = stage.domain if parts == 1 else stage.domain.divided(parts)
-        order = PATH_ORDER * fitted.rounds
-        if domain.holes:
-            network = with_closed_period(network, domain, order)
-        boundary = (stage.problem.positions(network.readout) + fit.constant)[some]
-        offset = boundary - ArraySurface(network, domain, order=order).position(place.put(stage.panels.z)[some])
-        # the median ignores paths that are too close to a pole
-        constant = xp.sort(offset, axis=0)[(len(offset) - 1) // 2]
-        rms_offset = float(weight @ square(offset - constant).sum(1)) ** 0.5
-        if rms_offset <= max(fitted.misfit.rms, allowed):
-            break
-    return ArraySurface(network, domain, constant, order=order), rms_offset
-
-
-def with_closed_period(network: CauchyNetwork, domain: PlaneDomain, order: int) -> CauchyNetwork:
-    """A network with the least change of read-outs for which Re ∮ φ dz = 0 around each hole, by Newton's method."""
-    put, xp, readout = place_of(network.readout).put, namespace(network.readout), network.readout
-    parts = [Panels.on(hole, panel_breaks(hole), order) for hole in domain.holes]
-    features = [network.features(put(panels.z)) for panels in parts]
-    steps = [put(panels.dz * panels.weights)[:, None] for panels in parts]
-    for _ in range(4):
-        gaps, rows = [], []
-        for own, step in zip(features, steps, strict=True):
-            values = own @ readout
-            gaps.append((step * phi(*values.mT)).sum(0).real)
-            rows.append((2 * (step * values).mT @ own).conj())
-        by_p, by_q = xp.stack(rows, axis=-1)
-        readout = readout + PointEquations.of(by_p, by_q).step(xp.stack(gaps), None)
-    return replace(network, readout=readout)

@@ -23,7 +23,8 @@ from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.curve_tensors import CurveTensors
 from spinor_geom.plateau.harmonic.smooth_domain import COARSE
 from spinor_geom.plateau.network.discretisation import Discretisation, interpolate_matching
-from spinor_geom.plateau.network.network_route import Fitted, NetworkSolver
+from spinor_geom.plateau.network.fitted import Fitted
+from spinor_geom.plateau.network.network_route import NetworkSolver
 from spinor_geom.plateau.newton import ROUNDING
 from spinor_geom.plateau.problem import PlateauProblem
 from spinor_geom.plateau.rims.capacity_path import mean_modulus
