@@ -218,7 +218,8 @@ def test_tetrahedron_with_narrow_gaps():
         loops.append(BoundaryLoop.from_points(np.concatenate(list(sides)), corners=[0, 6, 12]))
     solution = solve_plateau(loops)
     assert solution.converged
-    assert solution.boundary_residual.rms_per_edge < 1e-4
+    # 1.7e-5 with powers and a row of poles towards each gap
+    assert solution.boundary_residual.rms_per_edge < 1.2e-5
     # with 28 modes of a slide and 16 powers a side
     assert solution.area == pytest.approx(1.56022147, rel=2e-7)
 

@@ -161,7 +161,7 @@ class Circles:
             turn = cis(signs[side.rim] * (first + arc * (np.arange(count) + 0.5) / count))
             positions.append(self.centres[side.rim] + turn * radius * (1 + signs[side.rim] * arc / 4))
             distances.append(np.full(count, arc / 4 * radius))
-        count = 5 + of.resolution.degree // 6
+        count = 6 + of.resolution.degree // 6
         around = EPS ** (0.5 / count) * cis(2 * np.pi * np.arange(count) / count)
         for rim, other in zip(*np.nonzero(~np.eye(len(radii), dtype=bool)), strict=True):
             towards, radius = self.centres[other] - self.centres[rim], radii[rim]
