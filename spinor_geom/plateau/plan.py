@@ -85,11 +85,11 @@ def _plan_between(problem: PlateauProblem, in_plane: tuple[Route, ...]) -> tuple
     is_free = options.between == "free" and options.model == "auto" and not problem.curve.is_formula
     is_free = is_free and any(map(is_rough, problem.units, problem.curves))
     through = (Route("vertices", lambda _: solver.through_points()),) if is_free else ()
-    # the route on circles detects crowded nodes early, with few nodes
-    network = (NETWORK,) if len(problem.loops) == 2 else ()
     on_own_nodes = Route("network on circles", lambda _: solver.on_own_nodes())
     if options.model == "auto" and solver.have_corners:
-        return (*in_plane, *through, on_own_nodes, on_circles, *network)
+        return (*in_plane, *through, on_own_nodes, on_circles)
+    # the route on circles detects crowded nodes early, with few nodes
+    network = (NETWORK,) if len(problem.loops) == 2 else ()
     # where equal steps of all circles are too few for one rim
     finer = (on_own_nodes,) if options.model == "auto" and not through and len(problem.loops) > 2 else ()
     return (*in_plane, *through, on_circles, *network, *finer)

@@ -19,6 +19,9 @@ from spinor_geom.plateau.rims.energy import LARGEST_STEP
 from spinor_geom.plateau.route_result import COLLAPSED, NoConnectedSurfaceError
 from spinor_geom.plateau.steps import Steps
 
+# Least curvature at minima, relative to the diagonal of the Hessian. It is -3 where a surface comes apart because
+# images of corners merge, and above -0.05 on the way to minima when the first stage ends.
+_LEAST_CURVATURE = -0.1
 # Relative curvature treated as 0. With 1e-8 lunes miss the curves by 1e-4 of an edge instead of 1e-5.
 _FLAT = 1e-9
 _LARGEST_OF_SLIDES = 2.0  # largest step of logit s
@@ -46,6 +49,7 @@ def stationary(start: CorneredSurface, steps: Steps, negligible: float = ROUNDIN
         free = orth(here.form.circles.rotations(here.form.rims.rim_of_corner) / unit[count:, None])
         scaled[count:, count:] += free @ free.T
         curvatures, vectors = np.linalg.eigh(scaled)
+        is_minimum = curvatures[0] > _LEAST_CURVATURE
         sizes, pull = np.abs(curvatures), (unit * gradient) @ vectors
         damping = _FLAT * sizes.max()
         while True:
@@ -65,12 +69,14 @@ def stationary(start: CorneredSurface, steps: Steps, negligible: float = ROUNDIN
             reach = min(3 * reach, 1.0)
         # where rims nearly touch, the energy hardly depends on some slides
         is_slow, here, before = WORTHWHILE**2 * before < fall < EPS**0.5 * here.energy, there, fall
-        if fall < negligible * here.energy or is_slow:
+        if is_minimum and (fall < negligible * here.energy or is_slow):
             return here
+        if reach < SMALL:
+            break
     radii = here.form.circles.radii[1:]
     if (gradient[len(here.slides) + here.form.rims.corners :].reshape(-1, 3)[:, 2] > here.energy * radii).any():
         raise NoConnectedSurfaceError(COLLAPSED)
-    if fall < COARSE * here.energy:  # the residual shows whether that is near enough
+    if is_minimum and fall < COARSE * here.energy:  # the residual shows whether that is near enough
         return here
     raise UnresolvedRimsError(rims=len(here.form.circles.centres), failure="does not converge")
 
