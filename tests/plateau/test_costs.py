@@ -63,6 +63,25 @@ def test_networks_that_cannot_meet_the_tolerance_do_not_grow_on(seed: int, monke
     assert sum(work) < 3 * 420**3  # three steps with all features
 
 
+def test_fits_with_more_features_end_at_short_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A twisted strip whose ends are square: its fit with twice the features took five Jacobians and hardly moved."""
+    t, s = np.linspace(0, 1, 19), np.array([-1, 1]) / 3
+    along, across = np.concatenate([t, [1, 1], t[::-1], [0, 0]]), np.concatenate([np.full(19, -1), s, np.ones(19), -s])
+    y, z = 0.04 * across * [np.cos(3 * along), np.sin(3 * along)]
+    fit, steps = network_route.gauss_newton, []
+
+    def counted(problem, readout, slide, **options):
+        before = options["steps"].left
+        found = fit(problem, readout, slide, **options)
+        steps.append(before - options["steps"].left if options.get("near") else 0)
+        return found
+
+    monkeypatch.setattr(network_route, "gauss_newton", counted)
+    strip = np.column_stack([2 * along, 0.3 * np.sin(5 * along) + y, z])
+    solve_plateau(BoundaryLoop.from_points(strip, corners=()))
+    assert 1 <= sum(steps) <= 4
+
+
 @pytest.mark.parametrize("n", range(4, 9))
 def test_small_random_polygons_raise_typed_errors_only(n: int) -> None:
     for seed in range(3):

@@ -118,8 +118,7 @@ class HarmonicSolver:
                 if begun is None:
                     raise
             # the surface through the points takes less time, and Γ between them is not known
-            unknown = self.problem.may_be_free and not is_predicted(self.problem.unit)
-            if unknown and self._distance(begun) > _FAR:
+            if self._is_unknown and self._distance(begun) > _FAR:
                 fit.best, fit.limit = begun, _WOULD_NOT_MEET
         return self._fitted(fit, "flattened")
 
@@ -156,7 +155,14 @@ class HarmonicSolver:
             # Ω has at least one point per vertex
             is_fine = self.is_rough and len(unit) <= self._density.points
             shape, form = resolved(
-                polygon, t, self._density, is_fine, count=points_of_domain(unit), most=self.most_nodes, place=place
+                polygon,
+                t,
+                self._density,
+                is_fine,
+                count=points_of_domain(unit),
+                most=self.most_nodes,
+                place=place,
+                is_unknown=self._is_unknown,
             )
         start = place.put(self._density.slide(np.arange(shape.steps) / shape.steps))
         with self.problem.clock.stage("slide"):
@@ -178,6 +184,11 @@ class HarmonicSolver:
         if found.crowded:
             raise DomainError("the nodes crowd on the domain's boundary", vertices=len(unit))
         return self._fit(form, found.slide)
+
+    @cached_property
+    def _is_unknown(self) -> bool:
+        """Whether Γ between the points of a loop that is not rough is not known, so that it may be free."""
+        return self.problem.may_be_free and not self.is_rough and not is_predicted(self.problem.unit)
 
     @cached_property
     def _density(self) -> NodeDensity:

@@ -93,8 +93,9 @@ def gauss_newton(
 
     The residual is projected on the two directions normal to Γ'(s), which eliminates s from the linear system. Then s
     is updated along the tangent and projected onto increasing sequences. Below an RMS residual of `allowed` the
-    iteration continues only while each step halves the energy. The first step is damped less from a start that is
-    `near`, such as a fit with fewer features.
+    iteration continues only while each step halves the energy. From a start that is `near`, such as a fit with fewer
+    features, the first step is damped less, and the iteration also ends if a step with a new Jacobian is so short that
+    twenty more like it would not meet `allowed`.
 
     Raises:
         OutOfTimeError: time ran out.
@@ -113,6 +114,8 @@ def gauss_newton(
         # a Jacobian takes many times as long as a step. Energies of 0 and infinity do not decrease
         if not fit.energy < before / 2:
             if fresh and (fit.energy <= allowed**2 or not fit.energy <= STALLED**2 * before):
+                break
+            if fresh and near and fit.energy > allowed**2 * (before / fit.energy) ** 20:
                 break
             linear, fresh = _Linear.at(problem, fit), True
         else:
