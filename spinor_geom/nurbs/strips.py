@@ -111,7 +111,7 @@ def fitted(mesh: QuadMesh, sample: Sampler, tolerance: float, rounding: float) -
     error is measured halfway between nodes, along u and along v, for the surface itself and for the rims. Pieces of a
     strip where it exceeds half of the tolerance, and the rounding of positions, both in mesh units, are halved. Pieces
     whose error is below the displacement of the rim, by the boundary residual of the solution, are not halved. None is
-    halved at the time limit.
+    halved at the time limit, or if the error doubles, as where positions next to a corner are inaccurate.
     """
     begin = perf_counter()
     strip, against = mesh.strips
@@ -130,8 +130,10 @@ def fitted(mesh: QuadMesh, sample: Sampler, tolerance: float, rounding: float) -
         sizes = np.array([len(own) - 1 + DEGREE for own in halved])
         if halved == breaks or sizes[strip].prod(axis=1).sum() > _MOST_POINTS:
             break
-        breaks = halved
-        known = _Sampled.of(mesh, sample, breaks, DEGREE, known.values)
+        again = _Sampled.of(mesh, sample, halved, DEGREE, known.values)
+        if again.error > max(2 * known.error, tolerance):
+            break
+        breaks, known = halved, again
     return known.fit(mesh)
 
 

@@ -133,8 +133,10 @@ class NetworkSolver:
     def solve(self, before: Fitted | None = None) -> RouteResult:
         """The minimal surface fitted from an earlier fit, the problem's start, or a first discrete surface."""
         fitted = self._fitted_from(self._start) if before is None else self._resumed(before)
+        gains = before is not None and fitted.misfit.rms < before.misfit.rms / 2
+        may_improve = self.problem.is_disk and not gains and not self._is_rough
         # a finer disk has moduli nearer to the right ones: eight corners of a prism are met only from it
-        if self.problem.is_disk and self._is_missed(fitted) and fitted.stage.has_moduli and not self._is_rough:
+        if may_improve and self._is_missed(fitted) and fitted.stage.has_moduli:
             fitted = self._improved(fitted, self._start)
         if self.problem.is_disk and self._is_missed(fitted):
             fitted = self._opened(fitted, self._start)
