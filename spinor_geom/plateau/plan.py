@@ -85,14 +85,17 @@ def _plan_between(problem: PlateauProblem, in_plane: tuple[Route, ...]) -> tuple
     is_free = options.between == "free" and options.model == "auto" and not problem.curve.is_formula
     is_free = is_free and any(map(is_rough, problem.units, problem.curves))
     through = (Route("vertices", lambda _: solver.through_points()),) if is_free else ()
-    on_own_nodes = Route("network on circles", lambda _: solver.on_own_nodes())
-    if options.model == "auto" and solver.have_corners:
-        return (*in_plane, *through, on_own_nodes, on_circles)
     # the route on circles detects crowded nodes early, with few nodes
     network = (NETWORK,) if len(problem.loops) == 2 else ()
-    # where equal steps of all circles are too few for one rim
-    finer = (on_own_nodes,) if options.model == "auto" and not through and len(problem.loops) > 2 else ()
-    return (*in_plane, *through, on_circles, *network, *finer)
+    on_own_nodes = Route("network on circles", lambda _: solver.on_own_nodes())
+    if options.model == "auto" and solver.have_corners:
+        # between corners it has not been needed
+        network = () if any(curve.corners.any() for curve in problem.curves) else network
+        return (*in_plane, *through, on_own_nodes, on_circles, *network)
+    if options.model != "auto" or through or not solver.may_crowd:
+        return (*in_plane, *through, on_circles, *network)
+    first = Route("circles", lambda _: solver.on_circles(is_last=False))
+    return (*in_plane, first, *network, on_own_nodes)
 
 
 def _trained(problem: PlateauProblem) -> RouteResult:
@@ -270,7 +273,7 @@ def _lower_on_circles(problem: PlateauProblem, solution: PlateauSolution) -> Pla
     on_circles = Route("circles", lambda own: RimsSolver(problem=own).on_circles())
     try:
         lower = _solution((on_circles,), problem)
-    except FAILURES:
+    except (*FAILURES, NoConnectedSurfaceError):
         return None
     return lower if lower.area < solution.area else None
 

@@ -285,6 +285,10 @@ def _rounded_frame(radius):
     )
 
 
+def _even_points(radius, count):
+    return BoundaryLoop.from_points(_rounded_frame(radius).point(np.arange(count) / count))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("radius", "area"), [(3.0, 378.3756123), (0.5, 385.8454013)])
 def test_rounded_corners_are_resolved(radius, area):
@@ -299,10 +303,26 @@ def test_rounded_corners_are_resolved(radius, area):
     assert sampled_frame.boundary_residual.rms_per_edge < 1e-4
 
 
+@pytest.mark.parametrize("frame", [rounded_square(3.0), _even_points(3.0, 64)], ids=["cubic", "analytic"])
+def test_arcs_do_not_hide_a_surface(frame):
+    # on equal steps of the circles there seemed to be none, after minutes for even points
+    solution = solve_plateau([frame, sampled(ring(1.5, 1.5, centre=(5, 5)), 32)])
+    assert solution.boundary_residual.rms_per_edge < 1e-4
+    assert solution.area == pytest.approx(389.7, rel=1e-3)
+
+
+def test_rims_without_corners_have_their_own_nodes():
+    # on equal steps of the circles there seemed to be no surface, or there were no poles
+    masts = [ring(0.5, 0.1, centre=(place, 0.0)) for place in (-2, 2)]
+    solution = solve_plateau([ring(3.0, 0.0, stretch=2.0), *masts])
+    # of the plane surface, and that with catenoids to h² times 2π / log(R / r) a mast
+    assert 17.5 * np.pi < solution.area < 17.55 * np.pi
+
+
 def test_ends_of_arcs_are_corners():
-    assert not len(cornered_route._corners(BoundaryCurve.from_loop(sampled(ring(1.0, 0.0, stretch=1.5), 32))))
+    assert not len(cornered_route.corners_of(BoundaryCurve.from_loop(sampled(ring(1.0, 0.0, stretch=1.5), 32))))
     curve = BoundaryCurve.from_loop(rounded_square(0.5))
-    at = np.abs(curve.point(cornered_route._corners(curve))[:, :2])
+    at = np.abs(curve.point(cornered_route.corners_of(curve))[:, :2])
     np.testing.assert_allclose(np.sort(at), np.tile([9.5, 10], (8, 1)), atol=1e-12)
 
 

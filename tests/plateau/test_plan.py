@@ -14,8 +14,9 @@ from spinor_geom.mesh.curve import ClosedCurve
 from spinor_geom.plateau import Cauchy, Laurent, solve_plateau
 from spinor_geom.plateau.harmonic.harmonic_route import UNIT_DISK
 from spinor_geom.plateau.options import Options
-from spinor_geom.plateau.plan import nearest_surface, plan
+from spinor_geom.plateau.plan import _lower_on_circles, nearest_surface, plan
 from spinor_geom.plateau.problem import PlateauProblem
+from spinor_geom.plateau.rims.rims_route import RimsSolver
 from spinor_geom.plateau.route_result import NoConnectedSurfaceError, RouteResult
 from spinor_geom.plateau.vertices.vertex_route import THROUGH_POINTS
 from tests.fill.shapes import circle
@@ -186,3 +187,13 @@ def test_the_limit_on_steps_holds_for_the_whole_plan():
     assert tuple(steps) == solution.history
     assert [step.index for step in steps] == [1, 2, 3, 4, 5]
     assert "limit on steps" in solution.reason
+
+
+def test_a_search_for_a_lower_annulus_is_no_verdict(monkeypatch):
+    def none(*_, **__):
+        raise NoConnectedSurfaceError("no minimum")
+
+    rings = [ring(1.0, -0.3), ring(1.0, 0.3)]
+    solution = solve_plateau(rings)
+    monkeypatch.setattr(RimsSolver, "on_circles", none)
+    assert _lower_on_circles(PlateauProblem.of(rings, Options()), solution) is None

@@ -48,12 +48,14 @@ def all_on_path(problem: RimsProblem, surface: HarmonicSurface | None) -> list[H
     """
     near = None if surface is None else _OnPath.near(replace(surface, fixed_moduli=False))
     here = None if near is None else near.at(near.log_modulus)
+    crowded = SurfaceError(
+        "the nodes on the rims are too crowded: the gap between the rims is too long or too uneven for round "
+        "circles, and no surface was found"
+    )
     if here is None or here.here.crowded:
-        raise SurfaceError(
-            "the nodes on the rims are too crowded: the gap between the rims is too long or too uneven for round "
-            "circles, and no surface was found"
-        )
-    points = [*_followed(here, -1)[::-1], here, *_followed(here, 1)]
+        raise crowded
+    (below, to_least), (above, to_most) = (_followed(here, sign) for sign in (-1, 1))
+    points = [*below[::-1], here, *above]
     if here.here.domain.rims == 2 and points[0].multiplier < 0:
         raise SurfaceError(
             f"the gap between the rims is too narrow for their length: {here.here.form.steps} nodes on each do not "
@@ -65,11 +67,14 @@ def all_on_path(problem: RimsProblem, surface: HarmonicSurface | None) -> list[H
         if low.multiplier * high.multiplier > 0 and sign * low.rise < 0 < sign * high.rise:
             # λ may have two zeros between these steps
             points = sorted([*points, _least(low, high)], key=lambda point: point.log_modulus)
-    return [
+    found = [
         _zero(problem, before, after)
         for before, after in pairwise(points)
         if before.multiplier * after.multiplier < 0 or after.multiplier == 0
     ]
+    if not (found or (to_least and to_most)):
+        raise crowded
+    return found
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -135,7 +140,8 @@ class _OnPath:
             size = near._residual(log_modulus)
             if size < SMALL:
                 return near
-            if not size < before:
+            # slower convergence is not Newton's
+            if not size < before / 2:
                 break
             before = size
             step, by_multiplier = near._steps
@@ -145,11 +151,16 @@ class _OnPath:
         return None
 
 
-def _followed(start: _OnPath, sign: int) -> list[_OnPath]:
-    """The points on one side, until the surface degenerates or the nodes do not resolve the gaps between circles."""
+def _followed(start: _OnPath, sign: int) -> tuple[list[_OnPath], bool]:
+    """The points on one side, and whether they end there, not because steps are spent.
+
+    They end where the surface degenerates or the nodes do not resolve the gaps between circles.
+    """
     found, here, step = [], start, LARGEST_STEP
-    while step >= SMALL:
+    for _ in range(MOST_STEPS):
         require_time()
+        if step < SMALL:
+            break
         there = here.at(here.log_modulus + sign * step)
         if there is None:
             step /= 2
@@ -160,7 +171,9 @@ def _followed(start: _OnPath, sign: int) -> list[_OnPath]:
             break
         found.append(there)
         here, step = there, min(2 * step, LARGEST_STEP)
-    return found
+    else:
+        return found, False
+    return found, True
 
 
 def _least(low: _OnPath, high: _OnPath) -> _OnPath:

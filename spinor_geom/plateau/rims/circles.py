@@ -147,7 +147,8 @@ class Circles:
         """Poles at corners, along short arcs, and at narrow gaps, their distances from the circles, and corners."""
         rim_of_corner = of.rim_of_corner
         radii, signs = self.radii, self.signs
-        positions, distances, counts = [], [], []
+        # rims without corners need not have poles
+        positions, distances, counts = [np.zeros(0, complex)], [np.zeros(0)], list[int]()
         turns = cis(signs[rim_of_corner] * self.arguments)
         arcs = self.arcs(rim_of_corner)
         for rim, turn, exponent, arc in zip(rim_of_corner, turns, of.exponents, arcs, strict=True):

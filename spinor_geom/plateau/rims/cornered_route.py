@@ -152,7 +152,7 @@ class _Start:
         slides, z = to_numpy(here.slides), to_numpy(here.domain.circles(here.slides.shape[1]))
         centres = np.append(0.0, to_numpy(here.domain.centres))
         log_radii = np.append(0.0, to_numpy(here.domain.log_radii))
-        corners = list(map(_corners, curves))
+        corners = list(map(corners_of, curves))
         rim_of_corner = np.repeat(np.arange(len(curves)), [len(own) for own in corners])
         at_corners = map(_arguments, corners, slides, _unwrapped(z, centres))
         circles, points = Circles(
@@ -171,7 +171,7 @@ class _Start:
 
     @cached_property
     def _corners(self) -> list[Float[np.ndarray, " _"]]:
-        return list(map(_corners, self.curves))
+        return list(map(corners_of, self.curves))
 
     @cached_property
     def exponents(self) -> Float[np.ndarray, " c"]:
@@ -226,7 +226,7 @@ def _around(values: Float[np.ndarray, " n"], period: float) -> Float[np.ndarray,
     return np.concatenate([values - period, values, values + period])
 
 
-def _corners(curve: BoundaryCurve) -> Float[np.ndarray, " c"]:
+def corners_of(curve: BoundaryCurve) -> Float[np.ndarray, " c"]:
     """Parameters of a curve's corners. If it has none, of the ends of its arcs: of the breaks nearest to them."""
     if curve.corners.any():
         return np.asarray(curve.breaks[:-1][curve.corners])

@@ -27,7 +27,7 @@ from spinor_geom.plateau.plane_route import lie_beside
 from spinor_geom.plateau.problem import PlateauProblem
 from spinor_geom.plateau.rim_match import RimMatch
 from spinor_geom.plateau.rims.capacity_path import all_on_path, mean_modulus
-from spinor_geom.plateau.rims.cornered_route import solve_with_corners
+from spinor_geom.plateau.rims.cornered_route import corners_of, solve_with_corners
 from spinor_geom.plateau.rims.energy import DENSE, HarmonicSurface, RimsProblem
 from spinor_geom.plateau.rims.starts import OrientedSurface, Rim, projected_starts, start_between
 from spinor_geom.plateau.roughness import ROUGH_GRADIENT, is_rough, negligible_energy
@@ -91,15 +91,32 @@ class RimsSolver:
 
     @property
     def have_corners(self) -> bool:
-        """Whether some rims have corners, and all rims their own curves."""
-        return not self._is_noisy and any(curve.corners.any() for curve in self.problem.curves)
+        """Whether some rims have corners, or are not analytic and have arcs, and all rims their own curves."""
+        curves = self.problem.curves
+        have_arcs = any(curve.kind != "analytic" and len(corners_of(curve)) for curve in curves)
+        return not self._are_rough and (have_arcs or any(curve.corners.any() for curve in curves))
+
+    @property
+    def may_crowd(self) -> bool:
+        """Whether equal steps of circles may be too few for one rim: for its arcs, or among several rims."""
+        curves = self.problem.curves
+        return len(curves) > 2 or (not self._are_rough and any(len(corners_of(curve)) for curve in curves))
+
+    @property
+    def _are_rough(self) -> bool:
+        return any(map(is_rough, self.problem.units, self.problem.curves))
 
     def on_own_nodes(self) -> RouteResult:
         """The surface between rims with as many nodes as each needs."""
         return solve_with_corners(self.problem, self._projected)
 
-    def on_circles(self) -> RouteResult:
-        """The minimal surface of least energy found, or the one with the modulus nearest to that of the options."""
+    def on_circles(self, *, is_last: bool = True) -> RouteResult:
+        """The minimal surface of least energy found, or the one with the modulus nearest to that of the options.
+
+        Raises:
+            NoConnectedSurfaceError: it seems that there is none.
+            UnresolvedRimsError: so it seems, but another search follows.
+        """
         laurent = self.problem.options.laurent
         if laurent is not None and laurent.modulus is not None:
             log = math.log(laurent.modulus)
@@ -109,6 +126,8 @@ class RimsSolver:
             best = self._descended
             if best is None and len(self.problem.units) == 2:
                 best = min(self._stable(), key=lambda oriented: oriented.surface.dirichlet_energy, default=None)
+        if best is None and not is_last:
+            raise UnresolvedRimsError(rims=len(self.problem.units), failure="finds none on equal steps of circles")
         if best is None:
             raise NoConnectedSurfaceError(COLLAPSED if len(self.problem.units) > 2 else _WITHOUT_MINIMUM)
         return self.fitted(best)
@@ -219,7 +238,7 @@ class RimsSolver:
     @cached_property
     def _is_noisy(self) -> bool:
         """Whether a loop is rough, or its curve a cubic spline without corners."""
-        return any(map(is_rough, self.problem.units, self.problem.curves)) or any(
+        return self._are_rough or any(
             curve.kind == "cubic" and not curve.corners.any() for curve in self.problem.curves
         )
 
