@@ -111,7 +111,7 @@ def fitted(mesh: QuadMesh, sample: Sampler, tolerance: float, rounding: float) -
     error is measured halfway between nodes, along u and along v, for the surface itself and for the rims. Pieces of a
     strip where it exceeds half of the tolerance, and the rounding of positions, both in mesh units, are halved. Pieces
     whose error is below the displacement of the rim, by the boundary residual of the solution, are not halved. None is
-    halved at the time limit, or if the error doubles, as where positions next to a corner are inaccurate.
+    halved at the time limit, or if twice the points are not nearer, as with inaccurate positions.
     """
     begin = perf_counter()
     strip, against = mesh.strips
@@ -120,7 +120,7 @@ def fitted(mesh: QuadMesh, sample: Sampler, tolerance: float, rounding: float) -
     degree = next((d for d in range(1, DEGREE) if whole.error_of_degree(d) <= tolerance / (2 * NEARER_AT_RIMS)), DEGREE)
     if degree < DEGREE:
         return _Sampled.of(mesh, sample, breaks, degree, {}).fit(mesh)
-    known = whole
+    known = best = whole
     for _ in range(_ROUNDS):
         # a round takes about as long as all before it, and so do the measurements at the end
         if seconds_left() < 2 * (perf_counter() - begin):
@@ -130,11 +130,12 @@ def fitted(mesh: QuadMesh, sample: Sampler, tolerance: float, rounding: float) -
         sizes = np.array([len(own) - 1 + DEGREE for own in halved])
         if halved == breaks or sizes[strip].prod(axis=1).sum() > _MOST_POINTS:
             break
-        again = _Sampled.of(mesh, sample, halved, DEGREE, known.values)
-        if again.error > max(2 * known.error, tolerance):
+        breaks, known = halved, _Sampled.of(mesh, sample, halved, DEGREE, known.values)
+        if known.error < best.error:
+            best = known
+        elif known.points > 2 * best.points:
             break
-        breaks, known = halved, again
-    return known.fit(mesh)
+    return best.fit(mesh)
 
 
 def _halved(breaks: Breaks, chosen: Bool[np.ndarray, " k"]) -> Breaks:
