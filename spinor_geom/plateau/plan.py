@@ -34,6 +34,7 @@ _DISK_ELONGATION = 2.5
 # Number of pieces per side of polygons given by their corners alone: with 8 the residual of the tetrahedron's
 # quadrilateral is 1e-6 of a side, undivided 1e-2.
 _PARTS_OF_A_SIDE = 8
+ON_OWN_NODES = "network on circles"
 
 
 def plan(problem: PlateauProblem) -> tuple[Route, ...]:
@@ -87,7 +88,7 @@ def _plan_between(problem: PlateauProblem, in_plane: tuple[Route, ...]) -> tuple
     through = (Route("vertices", lambda _: solver.through_points()),) if is_free else ()
     # the route on circles detects crowded nodes early, with few nodes
     network = (NETWORK,) if len(problem.loops) == 2 else ()
-    on_own_nodes = Route("network on circles", lambda _: solver.on_own_nodes())
+    on_own_nodes = Route(ON_OWN_NODES, lambda _: solver.on_own_nodes())
     if options.model == "auto" and solver.have_corners:
         # between corners it has not been needed
         network = () if any(curve.corners.any() for curve in problem.curves) else network
@@ -118,7 +119,8 @@ def nearest_surface(routes: Sequence[Route], problem: PlateauProblem) -> RouteRe
         OutOfTimeError: no surface was found within the time limit.
         DomainError, FirstFillError, SingularMatrixError, SurfaceError: no route finds a surface. It is the
             first SurfaceError, or else the error of the last route.
-        NoConnectedSurfaceError: a route shows that there is no surface, and those before it found none.
+        NoConnectedSurfaceError: a route shows that there is no surface, and those before it found none, or none within
+            the tolerance if the rims have nodes of their own.
     """
     best: RouteResult | None = None
     error: SpinorGeomError | None = None
@@ -135,7 +137,8 @@ def nearest_surface(routes: Sequence[Route], problem: PlateauProblem) -> RouteRe
         except OutOfTimeError:
             break
         except NoConnectedSurfaceError:
-            if best is None:
+            # nodes of their own show most: a surface that other routes leave far from Γ is none
+            if best is None or route.name == ON_OWN_NODES:
                 raise
             continue
         except FAILURES as failure:

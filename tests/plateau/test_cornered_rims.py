@@ -333,6 +333,13 @@ def test_masts_above_the_last_surface_have_none(height, masts):
     assert "surface degenerates" in answer.reason
 
 
+@pytest.mark.slow
+def test_a_network_far_from_the_rims_does_not_hide_that_there_is_no_surface():
+    # its boundary is 0.03 of an edge from the rims
+    answer = solve_plateau([_rounded_frame(3.0), sampled(ring(2.5, 5.5, centre=(5, 5)), 32)])
+    assert isinstance(answer, NoConnectedSurface)
+
+
 @pytest.mark.parametrize("seed", range(8))
 @pytest.mark.parametrize("turns", [0.0, 0.5])
 def test_signs_of_spinors_do_not_depend_on_nodes_without_null_curve(seed: int, turns: float) -> None:
