@@ -335,8 +335,8 @@ def test_masts_above_the_last_surface_have_none(height, masts):
 
 @pytest.mark.slow
 def test_a_network_far_from_the_rims_does_not_hide_that_there_is_no_surface():
-    # its boundary is 0.03 of an edge from the rims
-    answer = solve_plateau([_rounded_frame(3.0), sampled(ring(2.5, 5.5, centre=(5, 5)), 32)])
+    # its boundary is 0.04 of an edge from the rims
+    answer = solve_plateau([_rounded_frame(3.0), sampled(ring(2.5, 6.0, centre=(5, 5)), 32)])
     assert isinstance(answer, NoConnectedSurface)
 
 

@@ -109,6 +109,7 @@ class Fake:
 
     answer: RouteResult | Exception
     farther: float = 1.0
+    name: str = "disk"
     asked: list[PlateauProblem] = field(default_factory=list)
 
     def solve(self, problem: PlateauProblem) -> RouteResult:
