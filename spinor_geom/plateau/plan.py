@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Final
 
 import numpy as np
 
@@ -34,7 +35,7 @@ _DISK_ELONGATION = 2.5
 # Number of pieces per side of polygons given by their corners alone: with 8 the residual of the tetrahedron's
 # quadrilateral is 1e-6 of a side, undivided 1e-2.
 _PARTS_OF_A_SIDE = 8
-ON_OWN_NODES = "network on circles"
+_ON_OWN_NODES: Final = "network on circles"
 
 
 def plan(problem: PlateauProblem) -> tuple[Route, ...]:
@@ -88,7 +89,7 @@ def _plan_between(problem: PlateauProblem, in_plane: tuple[Route, ...]) -> tuple
     through = (Route("vertices", lambda _: solver.through_points()),) if is_free else ()
     # the route on circles detects crowded nodes early, with few nodes
     network = (NETWORK,) if len(problem.loops) == 2 else ()
-    on_own_nodes = Route(ON_OWN_NODES, lambda _: solver.on_own_nodes())
+    on_own_nodes = Route(_ON_OWN_NODES, lambda _: solver.on_own_nodes())
     if options.model == "auto" and solver.have_corners:
         # between corners it has not been needed
         network = () if any(curve.corners.any() for curve in problem.curves) else network
@@ -138,7 +139,7 @@ def nearest_surface(routes: Sequence[Route], problem: PlateauProblem) -> RouteRe
             break
         except NoConnectedSurfaceError:
             # nodes of their own show most: a surface that other routes leave far from Γ is none
-            if best is None or route.name == ON_OWN_NODES:
+            if best is None or route.name == _ON_OWN_NODES:
                 raise
             continue
         except FAILURES as failure:
