@@ -144,17 +144,20 @@ def _divided(domain: PlaneDomain, rim: Rim, marks: Float[np.ndarray, " m"]) -> l
     def is_free(a: int, b: int) -> bool:
         return (b - a) % m in (0, 1, m - 1) or outside[a, b] < 0
 
+    def between(corners: _Quad, poles: _Quad) -> tuple[float, _Quad]:
+        """The cost of a quadrilateral with some corners, and its corners in the better order."""
+        options, quad = [], tuple(sorted(corners + poles))
+        for turned in (quad, (*quad[1:], quad[0])):
+            sides = [side(a, b) for a, b in zip(turned, (*turned[1:], turned[0]), strict=True)]
+            sine = _least_sine(_along(sides), np.equal(turned, (*turned[1:], turned[0])))
+            options.append((1 + _FOLDED / sine if sine > _FOLDED else math.inf, turned))
+        return min(options, key=_rounded)
+
     @cache
     def found(corners: _Quad) -> tuple[float, _Quad]:
         """The cost of the best of the quadrilaterals with some corners, and its corners in order."""
-        options = []
-        for poles in itertools.combinations(corners, 4 - len(corners)):
-            quad = tuple(sorted(corners + poles))
-            for turned in (quad, (*quad[1:], quad[0])):
-                sides = [side(a, b) for a, b in zip(turned, (*turned[1:], turned[0]), strict=True)]
-                sine = _least_sine(_along(sides), np.equal(turned, (*turned[1:], turned[0])))
-                options.append((1 + _FOLDED / sine if sine > _FOLDED else math.inf, turned))
-        return min(options, key=_rounded)
+        choices = itertools.combinations(corners, 4 - len(corners))
+        return min((between(corners, poles) for poles in choices), key=_rounded)
 
     @cache
     def best(first: int, last: int) -> tuple[float, tuple[_Quad, ...]]:
@@ -162,19 +165,25 @@ def _divided(domain: PlaneDomain, rim: Rim, marks: Float[np.ndarray, " m"]) -> l
         if last - first < 2:
             return 0.0, ()
         least: tuple[float, tuple[_Quad, ...]] = math.inf, ()
-        for between in itertools.chain(*(itertools.combinations(range(first + 1, last), n) for n in (1, 2))):
-            lines = list(itertools.pairwise((first, *between, last)))
+        for inner in itertools.chain(*(itertools.combinations(range(first + 1, last), n) for n in (1, 2))):
+            lines = list(itertools.pairwise((first, *inner, last)))
             if not all(is_free(*line) for line in lines):
                 continue
             costs, parts = zip(*(best(*line) for line in lines), strict=True)
             if sum(costs) + 1 < least[0]:
-                cost, quad = found((first, *between, last))
+                cost, quad = found((first, *inner, last))
                 least = min(least, (sum(costs) + cost, (quad, *itertools.chain(*parts))), key=_rounded)
         return least
 
     if m == 2:
         cost, quad = found((0, 1))
         return [quad] if math.isfinite(cost) else None
+    if m == len(rim.corners) == 3:
+        # with the pole in the sharpest corner the normals at the other two are nearest to those of the surface
+        for pole in _angles(rim).argsort().tolist():
+            cost, quad = between((0, 1, 2), (pole,))
+            if math.isfinite(cost):
+                return [quad]
     cost, chosen = best(0, m - 1)
     return list(chosen) if math.isfinite(cost) else None
 
