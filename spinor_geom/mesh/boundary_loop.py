@@ -287,10 +287,10 @@ def detect_corners(points: Float[np.ndarray, "m 3"]) -> Bool[np.ndarray, " m"]:
     """Mask of the points of a closed polygon that are corners of the sampled curve, (M,) bool.
 
     Corners of a smooth curve are isolated, but large turns of a noisy rim are adjacent. Point i is a corner if the
-    polygon turns there by θ_i ≥ 35°, and by at most θ_i/2 at the two points before and the two points after it. It must
-    not be a sharp bend (see `_are_bends`), and the points between the corners must be predicted (see
-    `have_predicted_sides`). If they are not, its neighbours turn by at most θ_i/4, and half of all points by at most
-    35°/4.
+    polygon turns there by θ_i ≥ 35°, and by at most θ_i/2 at the two points before and the two points after it, or only
+    at the next one if a straight side begins there. It must not be a sharp bend (see `_are_bends`), and the points
+    between the corners must be predicted (see `have_predicted_sides`). If they are not, its neighbours turn by at most
+    θ_i/4, and half of all points by at most 35°/4.
 
     Let s be an edge's `graded_spacing`. The end of a longer edge is a corner if a smooth curve with that turning angle
     would leave the edge by more than about s/4.
@@ -306,12 +306,15 @@ def detect_corners(points: Float[np.ndarray, "m 3"]) -> Bool[np.ndarray, " m"]:
         spacing = graded_spacing(length)
         at_start, at_end = ((length > spacing) & (length * angle > spacing) for angle in (turn, shifted(turn, -1)))
         corners = at_start | shifted(at_end, 1)
-    beside = np.max([shifted(turn, step) for step in (-2, -1, 1, 2)], axis=0)
+    # beyond a point on a straight side there may be another corner
+    pairs = [(shifted(turn, step), shifted(turn, 2 * step)) for step in (-1, 1)]
+    beside = np.max([np.where(near > STRAIGHT, np.maximum(near, far), 0.0) for near, far in pairs], axis=0)
     isolated = (turn >= MIN_CORNER_TURN) & (turn >= CONTRAST_OF_PREDICTED * beside)
     if isolated.any():
         isolated &= ~_are_bends(points, corners | isolated, turn)
         if not have_predicted_sides(points, corners | isolated):
-            isolated &= (turn >= CONTRAST * beside) & (median(turn) <= MIN_CORNER_TURN / CONTRAST)
+            is_half_small = 2 * np.count_nonzero(turn <= MIN_CORNER_TURN / CONTRAST) >= len(turn)
+            isolated &= is_half_small & (turn >= CONTRAST * beside)
     corners |= isolated
     return corners
 

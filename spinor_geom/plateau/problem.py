@@ -29,7 +29,7 @@ from spinor_geom.plateau.evidence import Evidence
 from spinor_geom.plateau.misfit import BoundaryResidual, Misfit
 from spinor_geom.plateau.options import Options
 from spinor_geom.plateau.rim_match import RimMatch
-from spinor_geom.plateau.roughness import roughness
+from spinor_geom.plateau.roughness import as_polygon, roughness
 from spinor_geom.plateau.route_result import RouteResult, typed_failures
 from spinor_geom.plateau.solution import PlateauSolution, RouteName
 from spinor_geom.plateau.steps import Clock, Iteration, Steps
@@ -93,6 +93,8 @@ class PlateauProblem:
         options.require_rims(len(given))
         samples = [(one, None) if isinstance(one, BoundaryLoop) else _sampled(one) for one in given]
         loops = tuple(loop for loop, _ in samples)
+        if len(loops) > 1 and options.between == "free" and options.model == "auto":
+            loops = tuple(map(as_polygon, loops))
         curves = [curve for _, curve in samples]
         _require_apart(loops, curves)
         return cls.over(loops, curves, options, on_iteration)

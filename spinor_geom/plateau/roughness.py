@@ -1,5 +1,7 @@
 """Roughness of loops, with one definition for all routes."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from spinor_geom.arrays import shifted
@@ -55,8 +57,19 @@ def shows_no_curve(loop: BoundaryLoop, curve: BoundaryCurve) -> bool:
     # Γ overshoots at corners that were removed, for any degree
     if not loop.corners_given and detect_corners(loop.points).any():
         return True
-    # a loop of so few points is a polygon
-    return curve.kind == "cubic" and (len(loop) <= MIN_LOOP_WITH_CORNERS or is_rough(loop, curve))
+    return curve.kind == "cubic" and (_is_polygon(loop) or is_rough(loop, curve))
+
+
+def _is_polygon(loop: BoundaryLoop) -> bool:
+    """Whether the points of a loop are too few to be samples of a curve."""
+    return len(loop) <= MIN_LOOP_WITH_CORNERS and not loop.corners.any()
+
+
+def as_polygon(loop: BoundaryLoop) -> BoundaryLoop:
+    """The loop with corners at all bends if its points are too few to be samples of a curve, or else itself."""
+    if not _is_polygon(loop):
+        return loop
+    return replace(loop, corners=turning_angles(loop.points) > STRAIGHT, corners_given=True)
 
 
 def has_stray_corners(loop: BoundaryLoop) -> bool:

@@ -124,11 +124,12 @@ def solve_plateau(
             unstable surface itself. Between several curves `Laurent(modulus=...)` selects it.
         between: how the boundary runs from one point of a loop to the next. "smooth": along `BoundaryCurve`. "free":
             the same if the points lie on a smooth curve. If not, as around most holes of scans, only the points are
-            prescribed. So they are if they are at most 8. The surface is then the minimal surface through the points
-            that is nearest to a discrete minimal disk, or for several loops to the surface between averages of them,
-            and Γ is its boundary. Over plane loops it is the inside of the polygon. That takes hundredths of a second
-            for tens of points and seconds for several loops. With a model other than "auto", and for curves given by
-            formulas or edges, "free" has no effect. "quintic": along the spline of
+            prescribed, and also if a single loop has at most 8. The surface is then the minimal surface through the
+            points that is nearest to a discrete minimal disk, or for several loops to the surface between averages of
+            them, and Γ is its boundary. Over plane loops it is the inside of the polygon. That takes hundredths of a
+            second for tens of points and seconds for several loops. One of several loops that has at most 8 points is
+            a polygon. With a model other than "auto", and for curves given by formulas or edges, "free" has no effect.
+            "quintic": along the spline of
             `BoundaryCurve.from_loop(..., quintic=True)`, so that the area is a differentiable function of the points.
         all_solutions: search for several disks over the loop, as Cauchy networks, or for annuli, as Laurent series,
             unstable ones too (see `find_disks`). It takes several times as long, and may miss some.

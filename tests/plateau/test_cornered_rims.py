@@ -171,6 +171,13 @@ def test_masts_far_from_the_middle(radius, height, area):
     assert solution.area == pytest.approx(area, rel=1e-7)
 
 
+@pytest.mark.parametrize("per_side", [1, 2])
+def test_a_rim_of_few_points_is_a_polygon(per_side):
+    # through so few points a smooth curve would bound an area of 585
+    found = solve_plateau([polygon(10 * SQUARE, per_side).points, *roof(2.0, masts=2)[1:]])
+    assert found.area == pytest.approx(tent().area, rel=1e-6)
+
+
 def test_a_roof_keeps_its_corners():
     solution = tent()
     assert solution.converged
