@@ -178,6 +178,13 @@ def test_a_rim_of_few_points_is_a_polygon(per_side):
     assert found.area == pytest.approx(tent().area, rel=1e-6)
 
 
+def test_points_of_straight_sides_may_be_corners():
+    frame = BoundaryLoop.from_points(polygon(10 * SQUARE, 2).points, corners=np.arange(8))
+    found = solve_plateau([frame, *roof(2.0, masts=2)[1:]])
+    assert found.converged
+    assert found.area == pytest.approx(tent().area, rel=1e-6)
+
+
 def test_a_roof_keeps_its_corners():
     solution = tent()
     assert solution.converged

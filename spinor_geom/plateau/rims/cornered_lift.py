@@ -253,7 +253,7 @@ class CorneredLift:
                 parts.append(np.concatenate([[start], start + ahead, even[1:-1], end - back[::-1]]))
             corners = np.concatenate(
                 [
-                    (np.arange(len(part)) == 0) & (side.corners is not None and side.exponents[0] != 1)
+                    (np.arange(len(part)) == 0) & (side.corners is not None and side.start in self._corners[rim])
                     for part, side in zip(parts, own, strict=True)
                 ]
             )
@@ -294,8 +294,12 @@ class CorneredLift:
     @cached_property
     def bounds(self) -> tuple[Float[np.ndarray, "_ 2"], ...]:
         """Lowest and highest curve parameter of each node: those of the adjacent corners."""
-        rims = zip(self.domain.boundaries, self.curves, self.panels, strict=True)
-        return tuple(slide_bounds(one, curve.breaks[:-1][curve.corners], own.t) for one, curve, own in rims)
+        rims = zip(self.domain.boundaries, self._corners, self.panels, strict=True)
+        return tuple(slide_bounds(one, corners, own.t) for one, corners, own in rims)
+
+    @cached_property
+    def _corners(self) -> tuple[Float[np.ndarray, " _"], ...]:
+        return tuple(curve.breaks[:-1][curve.corners] for curve in self.curves)
 
     def _slide(self, rim: int) -> Float[np.ndarray, " n"]:
         """Curve parameters of the harmonic surface at the nodes of a boundary."""
