@@ -57,8 +57,7 @@ def minimal_area(
         corners: indices of the points that are corners, for several rims one entry for each. "auto" detects them, so
             that the area jumps where a moved point becomes a corner.
         model: as for `solve_plateau`.
-        tolerance: as for `solve_plateau`. The relative error of the gradient is about that of the boundary. For smooth
-            curves the residual is at most 1e-8 of an edge with any tolerance.
+        tolerance: as for `solve_plateau`. The relative error of the gradient is about that of the boundary.
         time_limit: as for `solve_plateau`, in seconds. The derivative is computed after it.
 
     Returns:
@@ -85,6 +84,8 @@ def as_rims(points: Any) -> tuple[Tensor, ...]:
     for rim in rims:
         if not isinstance(rim, Tensor) or not rim.is_floating_point():
             raise OptionError(f"points must be a real tensor of shape (m, 3), or one for each rim, got {rim!r:.60}")
+    if not rims:
+        raise OptionError("points must be a tensor of shape (m, 3), or one for each rim, got no rim")
     return rims
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Complex, Float
 
+from spinor_geom.arrays import modulo_one, shifted
 from spinor_geom.domain.plane_domain import FourierBoundary, panel_breaks
 from spinor_geom.domain.quadrature import Panels, rule
 from spinor_geom.mesh.interpolation import ANALYTIC_DEGREE, EQUAL
@@ -19,7 +20,7 @@ from spinor_geom.surface.array_surface import ArraySurface
 # Gauss-Legendre nodes between neighbouring points of the loop or of ∂Ω. Networks over folded curves have poles near ∂Ω:
 # their gradients are off by 1e-2 with 5 nodes, by 1e-3 with 8, and by less than the boundary with 12.
 _ORDER = 12
-# Fewest equal steps of ∂Ω for each point of the loop. The trapezoidal rule converges with the power d + 1 of the step
+# Fewest steps of ∂Ω between points of the loop. The trapezoidal rule converges with the power d + 1 of the step
 # for Γ of degree d, and geometrically if Γ is analytic: half as many steps give gradients that are off by 6e-4 for
 # splines of degree 7, and by 3e-5 for cubic ones.
 _STEPS = {3: 16, 5: 8, 7: 4, ANALYTIC_DEGREE: 1}
@@ -108,7 +109,11 @@ def _even_places(rim: RimMatch, boundary: FourierBoundary) -> Float[np.ndarray, 
     n = max(len(t), len(boundary.coefficients) + 1)
     if n > len(t) or np.abs(len(t) * t - np.arange(len(t))).max() > EQUAL:
         s = rim.places(np.arange(n) / n)
-    return np.asarray(resampled(s, n * math.ceil(_STEPS[rim.curve.degree] * len(rim.loop) / n)))
+    # equal steps of ∂Ω may be long on Γ
+    m = len(rim.curve.breaks) - 1
+    pieces = np.interp(modulo_one(s), rim.curve.breaks, np.arange(m + 1))
+    longest = np.abs(np.mod(shifted(pieces, -1) - pieces + m / 2, m) - m / 2).max()
+    return np.asarray(resampled(s, n * math.ceil(_STEPS[rim.curve.degree] * longest)))
 
 
 def _breaks(rim: RimMatch) -> Float[np.ndarray, " b"]:

@@ -25,7 +25,7 @@ from spinor_geom.domain.delaunay import plane_coordinates
 from spinor_geom.domain.sizes import SizeField
 from spinor_geom.domain.triangulation import PlaneTriangulation, triangulate_polygon
 from spinor_geom.errors import DomainError, OutOfTimeError, SingularMatrixError, SpinorGeomError
-from spinor_geom.mesh.boundary_loop import BoundaryLoop
+from spinor_geom.mesh.boundary_loop import BoundaryLoop, turning_angles
 from spinor_geom.mesh.operators import cotangent_laplacian, face_areas
 from spinor_geom.plateau.problem import PlateauProblem, start_indices
 from spinor_geom.plateau.route_result import FAILURES
@@ -151,6 +151,31 @@ def lower_beside(solution: PlateauSolution, rim: ThinnedLoop, solve: Solve, step
                     return again
                 break  # larger displacements lead to the same disk
     return None
+
+
+def on_side_of_normal(solution: PlateauSolution, rim: ThinnedLoop, solve: Solve) -> PlateauSolution:
+    """Of a stable disk and its counterpart on the other side of the harmonic disk, the one the normal points to.
+
+    Which of the two a solve finds changes with any move of the points, the side does not. A boundary of total curvature
+    of at most 4π bounds one disk only. Otherwise the counterpart is solved if the area has a maximum on the way there.
+
+    Source: Nitsche, "A new uniqueness theorem for minimal surfaces", Arch. Rational Mech. Anal. 52 (1973).
+    """
+    if turning_angles(rim.loop.points).sum() <= 4 * np.pi:
+        return solution
+    with suppress(*FAILURES, OutOfTimeError):
+        mesh, one, middle = rim.round_mesh, rim.round_positions(solution), rim.round_disk().vertices
+        other = 2 * middle - one
+        a, b, c = np.moveaxis(one[mesh.faces], 1, 0)
+        ahead = (np.cross(b - a, c - a) * (middle - one)[mesh.faces].sum(axis=1)).sum() > 0
+        areas = [face_areas(x, mesh.faces).sum() for x in (one, middle, other)]
+        # over twice the way a parabola rises by four times as much, and less than twice with a maximum in the middle
+        if ahead and 3 * areas[1] > 2 * areas[0] + areas[2]:
+            descent = descend_area(other, mesh.faces, mesh.boundary_size, relative_change=FINE_CHANGE)
+            found = solve(_disk(descent.vertices, mesh))
+            if found.converged and found.stability.verdict == "stable":
+                return found
+    return solution
 
 
 def find_disks(rim: ThinnedLoop, solve: Solve) -> tuple[PlateauSolution, ...]:

@@ -16,7 +16,7 @@ from spinor_geom.errors import DomainError, FirstFillError, OutOfTimeError, Spin
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import SAMPLES_PER_PIECE, BoundaryCurve
 from spinor_geom.plateau.annulus import RimDisks
-from spinor_geom.plateau.disk_search import ThinnedLoop, find_disks, lower_beside, replace_unstable
+from spinor_geom.plateau.disk_search import ThinnedLoop, find_disks, lower_beside, on_side_of_normal, replace_unstable
 from spinor_geom.plateau.harmonic.harmonic_route import FLATTENING, UNIT_DISK, HarmonicSolver
 from spinor_geom.plateau.network.network_route import NETWORK
 from spinor_geom.plateau.options import Options
@@ -191,6 +191,9 @@ def minimal_disk(problem: PlateauProblem, routes: tuple[Route, ...]) -> PlateauS
                 return lower_beside(unstable, ThinnedLoop.of(problem), solve, problem.steps)
 
         solution = replace_unstable(solution, lower, "along its eigenvectors")
+        if problem.options.is_quintic and solution.stability.verdict == "stable":
+            with problem.clock.stage("unstable"):
+                solution = on_side_of_normal(solution, ThinnedLoop.of(problem), solve)
     return replace(solution, history=tuple(problem.steps.history), solve_timings=dict(problem.clock.seconds))
 
 

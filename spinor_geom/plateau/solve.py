@@ -131,6 +131,7 @@ def solve_plateau(
             a polygon. With a model other than "auto", and for curves given by formulas or edges, "free" has no effect.
             "quintic": along the spline of
             `BoundaryCurve.from_loop(..., quintic=True)`, so that the area is a differentiable function of the points.
+            Of two stable disks over it, the result is the one on the side of its normal.
         all_solutions: search for several disks over the loop, as Cauchy networks, or for annuli, as Laurent series,
             unstable ones too (see `find_disks`). It takes several times as long, and may miss some.
         time_limit: seconds after which the best surface so far is returned (see its `converged` and `reason`). With

@@ -24,6 +24,11 @@ def wavy(n: int, *, uneven: float = 0.0, seed: int = 0) -> np.ndarray:
     return np.stack([np.cos(t), 1.1 * np.sin(t), 0.3 * np.cos(2 * t) + 0.1 * np.sin(3 * t)], axis=1)
 
 
+def enneper_boundary(radius: float) -> np.ndarray:
+    z = radius * np.exp(1j * TURN)
+    return np.stack([(z - z**3 / 3).real, (z + z**3 / 3).imag, (z**2).real], axis=1)
+
+
 def arched(each: int) -> np.ndarray:
     """A closed curve with four corners, and so many points on each of its curved sides."""
     u = np.linspace(0, 1, each, endpoint=False)[:, None]

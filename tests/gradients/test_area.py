@@ -91,10 +91,12 @@ def test_forces_on_single_points_are_resolved(name, kind, monkeypatch):
 
 
 def test_free_curve_between_points_has_no_gradient():
-    rough = BoundaryLoop.from_points(wavy(40) + 0.03 * np.random.default_rng(0).normal(size=(40, 3)))
+    rough = BoundaryLoop.from_points(wavy(40) + 0.05 * np.random.default_rng(0).normal(size=(40, 3)), corners=[])
     solution = solve_plateau(rough)
     assert solution.route == "vertices"
     with pytest.raises(NotDifferentiableError, match="between='smooth'"):
         area_gradient(solution)
-    (gradient,) = solve_plateau(rough, between="smooth").area_gradient
-    assert np.isfinite(gradient).all()
+    # with more nodes than where the surface through the points would take less time
+    along = solve_plateau(rough, between="quintic", tolerance=1e-6)
+    assert along.converged
+    assert np.isfinite(along.area_gradient[0]).all()

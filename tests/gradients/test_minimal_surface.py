@@ -11,7 +11,7 @@ from spinor_geom.errors import NotDifferentiableError, UncertainGradientWarning
 from spinor_geom.gradients.minimal_surface import position_gradient, require_isolated
 from spinor_geom.mesh.topology import HalfEdges
 from spinor_geom.plateau import Laurent, solve_plateau
-from tests.gradients.cases import LIFT, QUADRILATERAL, RING, TURN, wavy
+from tests.gradients.cases import LIFT, QUADRILATERAL, RING, TURN, enneper_boundary, wavy
 
 # rotations of e₃ to three directions in a plane
 AROUND = [np.array([[0, -np.sin(a), np.cos(a)], [0, np.cos(a), np.sin(a)], [-1, 0, 0]]) for a in (0.0, 2.1, 4.2)]
@@ -104,11 +104,6 @@ def test_degenerate_surface_is_refused():
     end = solve_plateau([RING - lift, RING + lift], unstable="keep")
     with pytest.raises(NotDifferentiableError, match="degenerate"):
         position_gradient(end, np.array([0.9 + 0j]), np.ones((1, 3)))
-
-
-def enneper_boundary(radius):
-    z = radius * np.exp(1j * TURN)
-    return np.stack([(z - z**3 / 3).real, (z + z**3 / 3).imag, (z**2).real], axis=1)
 
 
 def test_enneper_surfaces_near_the_degenerate_one():

@@ -32,7 +32,7 @@ from spinor_geom.plateau.harmonic.lifted_surface import domain_of, surface_of
 from spinor_geom.plateau.harmonic.smooth_domain import COARSE, NodeDensity, resolved
 from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.newton import MOST_STEPS, ROUNDING
-from spinor_geom.plateau.problem import MOST_FREE_POINTS, PlateauProblem, Route, start_indices
+from spinor_geom.plateau.problem import PlateauProblem, Route, start_indices
 from spinor_geom.plateau.roughness import ROUGH_GRADIENT, is_predicted, is_rough, negligible_energy
 from spinor_geom.plateau.route_result import RouteResult, typed_failures
 from spinor_geom.plateau.solution import RouteName
@@ -45,9 +45,9 @@ BATCH_NODES = 16384  # nodes of all loops in one batch. Half of it takes an eigh
 # Largest number of nodes per edge. Loops that need more are left to other routes: with 64 noisy ones take a tenth
 # longer, and one of sixty random loops converges here.
 _MOST_PER_EDGE = 16
-# The same for formulas and long loops, which have no surface through points: 5,000 noisy points need more than 16, and
-# so do formulas with jumps of the curvature.
-_MOST_PER_EDGE_OF_LONG = 64
+# The same where Γ is given between the points, or they are too many for a surface through them: 5,000 noisy points need
+# more than 16, and so do formulas with jumps of the curvature, and splines through rims of scans.
+_MOST_PER_EDGE_OF_KNOWN = 64
 # Nodes of short loops on the disk, so that many loops fit in one batch, and twice the most points that define Ω, for
 # which Λ costs O(n³). With half as many ellipses keep 4e-4 of an edge instead of 3e-7, and solves take 6 % more steps.
 FEWEST_NODES = 256
@@ -258,10 +258,8 @@ class HarmonicSolver:
     @property
     def most_nodes(self) -> int:
         """Upper limit on nodes."""
-        points = len(self.problem.unit)
-        may_be_free = points <= MOST_FREE_POINTS and not self.problem.curve.is_formula
-        per_edge = _MOST_PER_EDGE if may_be_free else _MOST_PER_EDGE_OF_LONG
-        return even(max(4 * FEWEST_NODES, per_edge * points))
+        per_edge = _MOST_PER_EDGE if self.problem.may_be_free else _MOST_PER_EDGE_OF_KNOWN
+        return even(max(4 * FEWEST_NODES, per_edge * len(self.problem.unit)))
 
     def is_enough(self, misfit: Misfit) -> bool:
         """Whether the distance is within the tolerance, or at rounding error for power series over analytic curves."""
