@@ -18,11 +18,13 @@ from scipy.sparse import csr_array
 from spinor_geom.arrays import modulo_one
 from spinor_geom.errors import NotDifferentiableError
 from spinor_geom.gradients.spline_chain import SplineSystem
+from spinor_geom.mesh.boundary_loop import straight_edges
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.interpolation import (
     ARC_NODES,
     EQUAL,
     RIDGE,
+    ends_of_lines,
     gauss_nodes,
     piecewise_cubic,
     poisson_kernels,
@@ -65,14 +67,15 @@ class _Cubic:
 
     points: Float[np.ndarray, "m 3"]
     corners: Bool[np.ndarray, " m"]
+    lines: Bool[np.ndarray, " m"] | None = None
     has_natural_ends: bool = True
 
     @cached_property
     def system(self) -> SplineSystem:
         natural = self.has_natural_ends
-        breaks, coefficients = piecewise_cubic(self.points, self.corners, has_natural_ends=natural)
+        breaks, coefficients = piecewise_cubic(self.points, self.corners, self.lines, has_natural_ends=natural)
         degrees = np.full(len(self.points), 3)
-        return _system(breaks, coefficients, self.corners, degrees, natural)
+        return _system(breaks, coefficients, self.corners, degrees, self.lines, natural)
 
     @cached_property
     def _at_nodes(self) -> tuple[Float[np.ndarray, "m g 3"], Float[np.ndarray, "3 g"]]:
@@ -147,8 +150,9 @@ class _Spline:
         sums = csr_array((np.ones(len(s)), order, np.searchsorted(piece[order], np.arange(m + 1))), shape=(m, len(s)))
         starts, *by_powers = np.split(sums @ np.concatenate(terms, axis=1), curve.degree + 1, axis=1)
         natural = curve.kind != "quintic"
-        cubic = _Cubic(points=curve.coefficients[-1], corners=curve.corners, has_natural_ends=natural)
-        system = _system(curve.breaks, curve.coefficients, curve.corners, self._degrees, natural)
+        lines = straight_edges(curve.coefficients[-1], curve.corners) if natural else None
+        cubic = _Cubic(points=curve.coefficients[-1], corners=curve.corners, lines=lines, has_natural_ends=natural)
+        system = _system(curve.breaks, curve.coefficients, curve.corners, self._degrees, lines, natural)
         own, by_logs = system.by_points(np.stack(by_powers))
         is_cubic = self._degrees == 3
         total = starts + own + cubic.by_chords(np.where(is_cubic, by_logs, 0.0))
@@ -160,12 +164,18 @@ def _system(
     coefficients: Float[np.ndarray, "d1 m 3"],
     corners: Bool[np.ndarray, " m"],
     degrees: Int[np.ndarray, " m"],
+    lines: Bool[np.ndarray, " m"] | None,
     has_natural_ends: bool,
 ) -> SplineSystem:
     widths, points = np.diff(breaks), coefficients[-1]
+    lines = np.zeros_like(corners) if lines is None else lines
+    joints = ends_of_lines(lines, corners)
+    clamped = np.stack([joints, np.roll(joints, -1)]) & ~lines
     powers = coefficients[-2::-1] * widths[:, None] ** np.arange(1, len(coefficients))[:, None, None]
     natural = has_natural_ends & are_long(points)
-    return SplineSystem(widths=widths, powers=powers, corners=corners, degrees=degrees, natural=natural)
+    return SplineSystem(
+        widths=widths, powers=powers, corners=corners | joints, degrees=degrees, natural=natural, clamped=clamped
+    )
 
 
 def by_trigonometric_points(

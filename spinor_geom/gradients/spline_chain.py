@@ -1,9 +1,10 @@
 """The chain rule of interpolating splines: from values of a curve to its points and the widths of its pieces.
 
 On piece i, of width h_i, a spline of degree d is Γ = P_i + Σ_r a_ir u^r, r = 1 … d, with u in [0, 1]. The a_ir solve a
-linear system K(h) a = b: each piece ends at the next point. Derivatives agree where two pieces meet without a corner.
-The ends of a side are not-a-knot or natural. K depends on ratios of neighbouring widths only. The derivatives by P and
-h follow from one solve with the transpose of K. It is a band matrix with pieces ordered from both ends of the curve.
+linear system K(h) a = b: each piece ends at the next point. Derivatives agree where two pieces of a side meet. The ends
+of a side are not-a-knot or natural, or have the slope of a line beside them. K depends on ratios of neighbouring widths
+only. The derivatives by P and h follow from one solve with the transpose of K. It is a band matrix with pieces ordered
+from both ends of the curve.
 """
 
 from __future__ import annotations
@@ -53,9 +54,10 @@ class SplineSystem:
 
     widths: Float[np.ndarray, " m"]  # h, up to a factor for each side
     powers: Float[np.ndarray, "d m 3"]  # a_ir, lowest power first
-    corners: Bool[np.ndarray, " m"]  # whether the spline may have a kink at the start of each piece
+    corners: Bool[np.ndarray, " m"]  # whether a side begins at the start of each piece
     degrees: Int[np.ndarray, " m"]  # degrees of the pieces: odd, at least 3, and equal on a side
     natural: Bool[np.ndarray, " m"]  # whether the second derivative of a piece is 0 at the end of a side
+    clamped: Bool[np.ndarray, "2 m"]  # whether a cubic begins with the slope of the side before it, ends with the next
 
     def by_points(
         self, by_powers: Float[np.ndarray, "d m 3"]
@@ -128,7 +130,7 @@ class SplineSystem:
         return _Equations(jump, _Entries(*map(np.concatenate, zip(*entries, strict=True))), near.ravel())
 
     def _ends_of_sides(self, k: int) -> Iterator[tuple[_Jumps, list[_Entries]]]:
-        """The k-th condition at both ends of sides whose degree needs it: not-a-knot or natural.
+        """The k-th condition at both ends of sides whose degree needs it: not-a-knot, natural or clamped.
 
         A side of one piece is straight, one of two pieces without natural ends is a parabola.
         """
@@ -138,12 +140,14 @@ class SplineSystem:
         has = self.degrees[first] >= 2 * k + 3
         first, count = first[has], count[has]
         last = first + count - 1
-        is_line = count == 1
-        is_parabola = (count == 2) & ~self.natural[first] & ~self.natural[last % m]
+        are_clamped = np.stack([self.clamped[0, first], self.clamped[1, last % m]])
+        is_line, is_parabola = np.equal.outer([1, 2], count) & ~are_clamped.any(axis=0)
+        is_parabola &= ~self.natural[first] & ~self.natural[last % m]
         for is_end, piece, inner in ((False, first, first + k), (True, last % m, last - 1 - k)):
             # after the equation for the position at the end of the last piece
             row = last % m * d + 1 + 2 * k + is_end
-            natural = self.natural[piece] & ~is_line
+            clamped = are_clamped[int(is_end)]
+            natural = self.natural[piece] & ~is_line & ~clamped
             knots = ~(is_line | is_parabola | natural)
             vanishing = np.where(is_parabola | (is_line & is_end), 3, 2)[~knots]
             fixed = [_Entries(row[~knots], piece[~knots] * d + vanishing - 1, np.ones(len(vanishing)))]
@@ -153,8 +157,8 @@ class SplineSystem:
                     _Entries(row[natural], piece[natural] * d + power - 1, np.full(natural.sum(), comb(power, 2)))
                     for power in range(3, d + 1)
                 ]
-            inner = inner[knots] % m
-            yield _Jumps(inner, self.degrees[inner], row[knots]), fixed
+            inner = np.where(clamped, piece if is_end else piece - 1, inner)[knots] % m
+            yield _Jumps(inner, np.where(clamped[knots], 1, self.degrees[inner]), row[knots]), fixed
 
     @cached_property
     def _after(self) -> tuple[Int[np.ndarray, " k"], Float[np.ndarray, " k"]]:

@@ -28,6 +28,8 @@ PREDICTED = 0.05  # of an edge, largest distance of predicted points. With noise
 MISSED_AT_BEND, WORSE_AT_BEND = 0.02, 10.0
 STRAIGHT = float(np.finfo(np.float32).eps) ** 0.5  # largest turn on a straight side, by rounding
 MIN_LOOP_WITH_CORNERS = 8
+# Least ratio of the turn beside a straight line to that on it. At points of inflection it is at most 25.
+BESIDE_LINES = 100.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -317,6 +319,27 @@ def detect_corners(points: Float[np.ndarray, "m 3"]) -> Bool[np.ndarray, " m"]:
             isolated &= is_half_small & (turn >= CONTRAST * beside)
     corners |= isolated
     return corners
+
+
+def straight_edges(points: Float[np.ndarray, "m 3"], corners: Bool[np.ndarray, " m"]) -> Bool[np.ndarray, " m"]:
+    """Mask of the edges of a closed polygon in straight lines of at least three edges that end at curves or corners.
+
+    There are none if two lines meet without a corner, a line ends at a turn like one, or the polygon turns little more
+    beside a line than on it, as at points of inflection of smooth curves.
+    """
+    none = np.zeros(len(points), dtype=bool)
+    turn = np.nan_to_num(turning_angles(points), nan=np.inf)
+    straight = turn <= STRAIGHT
+    inner = straight & (shifted(straight, 1) | shifted(straight, -1))
+    if not inner.any() or straight.all():
+        return none
+    lines = inner | shifted(inner, -1)
+    ends = ~inner & (lines | shifted(lines, 1)) & ~corners
+    at, beyond = turn[ends], np.where(lines, shifted(turn, 1), shifted(turn, -1))[ends]
+    meet = (lines & shifted(lines, 1))[ends]
+    are_sharp = (at >= MIN_CORNER_TURN) & (at >= CONTRAST_OF_PREDICTED * beyond)
+    are_smooth = np.maximum(at, beyond) < BESIDE_LINES * turn[inner].max()
+    return none if (meet | are_sharp | are_smooth).any() else lines
 
 
 def _are_bends(

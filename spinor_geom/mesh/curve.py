@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 
 from spinor_geom.arrays import TINY, backwards, modulo_one, norm, shifted
 from spinor_geom.errors import CurveError
-from spinor_geom.mesh.boundary_loop import BoundaryLoop, require_distinct_neighbours
+from spinor_geom.mesh.boundary_loop import BoundaryLoop, require_distinct_neighbours, straight_edges
 from spinor_geom.mesh.interpolation import (
     CurveKind,
     Pieces,
@@ -88,7 +88,8 @@ class BoundaryCurve:
             length otherwise (chord length would reduce the order); uniform for the trigonometric polynomial and for
             formulas.
         coefficients: (d + 1, M, 3) of the pieces, highest power first, as in `scipy.interpolate.PPoly`.
-        corners: (M,) bool, at which vertices Γ′ jumps. Elsewhere splines are d − 1 times continuously differentiable.
+        corners: (M,) bool, at which vertices Γ′ jumps. Elsewhere splines are d − 1 times continuously differentiable,
+            once where straight lines end.
         slopes: coefficients of Γ′ if a formula is given for it, because differentiation would lose three digits.
         at_points: (M,) bool, whether a piece starts at a point of the loop (None: all). The others divide long edges.
     """
@@ -113,6 +114,9 @@ class BoundaryCurve:
         - the trigonometric polynomial, for uniform samples of an analytic curve;
         - an analytic curve with arc-length parameters, for up to 256 points;
         - a periodic spline of degree 3, 5 or 7, for points that are less smooth.
+
+        Straight lines of three and more edges that go over into curves (`straight_edges`) stay straight. The curves are
+        cubic, with the slopes of the lines at their ends.
 
         With corners it is a not-a-knot spline from each corner to the next (from a single corner back to itself),
         cubic, or of degree 5 or 7 on sides of 16 points and more if that predicts points better. A side of two edges is
@@ -139,8 +143,8 @@ class BoundaryCurve:
         for i, loop in enumerate(loops):
             if quintic:
                 found[i] = quintic_curve(loop.points, loop.corners)
-            elif loop.corners.any():
-                found[i] = between_corners(loop.points, loop.corners)
+            elif (lines := straight_edges(loop.points, loop.corners)).any() or loop.corners.any():
+                found[i] = between_corners(loop.points, loop.corners, lines=lines)
             else:
                 alike[len(loop)].append(i)
         for group in alike.values():

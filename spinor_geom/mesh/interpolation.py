@@ -126,25 +126,45 @@ def _leaves_long_edges(points: Vertices, curve: Pieces) -> bool:
 
 
 def piecewise_cubic(
-    points: Float[np.ndarray, "m k"], corners: Bool[np.ndarray, " m"], *, has_natural_ends: bool = True
+    points: Float[np.ndarray, "m k"],
+    corners: Bool[np.ndarray, " m"],
+    lines: Bool[np.ndarray, " m"] | None = None,
+    *,
+    has_natural_ends: bool = True,
 ) -> tuple[Breaks, Float[np.ndarray, "4 m k"]]:
     """Breaks and coefficients of the closed interpolating cubic spline with chord-length parameters and corners.
 
     Points have any dimension. Breaks run from 0 to 1. Coefficients are as in `scipy.interpolate.PPoly`. The
-    ends of sides are not-a-knot, or with `has_natural_ends` natural on long edges.
+    ends of sides are not-a-knot, or with `has_natural_ends` natural on long edges. At the ends of `lines`, a mask of
+    edges, curves have the slopes of these, and another curvature.
     """
-    if not corners.any():
+    lines = np.zeros(len(points), dtype=bool) if lines is None else lines
+    joints = ends_of_lines(lines, corners)
+    if not (corners | joints).any():
         return periodic_cubics(points)
     breaks = _shares(edge_lengths(points))
     coefficients = np.empty((4, *points.shape))
     # not-a-knot would extrapolate the curvature at short edges over a long edge at the end of a side
     ends = np.where(has_natural_ends & are_long(points), "natural", "not-a-knot").tolist()
-    for side in _sides(corners):
+    slopes = dict[int, Float[np.ndarray, " k"]]()
+    for side in sorted(_sides(corners | joints), key=lambda side: not lines[side[0]]):
         t = np.append(breaks[side], breaks[side[-1] + 1])
         t[1:] += t[1:] <= t[0]  # the side may wrap around the end of the parameter
-        vertices = points[np.append(side, (side[-1] + 1) % len(points))]
-        coefficients[:, side] = CubicSpline(t, vertices, bc_type=(ends[side[0]], ends[side[-1]])).c
+        first, last = int(side[0]), int(side[-1] + 1) % len(points)
+        conditions: Any = tuple(
+            (1, slopes[point]) if point in slopes and not lines[first] else ends[edge]
+            for point, edge in ((first, first), (last, side[-1]))
+        )
+        spline = CubicSpline(t, points[np.append(side, last)], bc_type=conditions)
+        coefficients[:, side] = spline.c
+        if lines[first]:
+            slopes |= {point: spline(at, 1) for point, at in ((first, t[0]), (last, t[-1])) if joints[point]}
     return breaks, coefficients
+
+
+def ends_of_lines(lines: Bool[np.ndarray, " m"], corners: Bool[np.ndarray, " m"]) -> Bool[np.ndarray, " m"]:
+    """Points where straight lines, given as a mask of edges, go over into curves without corners."""
+    return np.asarray((lines ^ shifted(lines, 1)) & ~corners)
 
 
 def _sides(corners: Bool[np.ndarray, " m"]) -> list[Int[np.ndarray, " _"]]:
@@ -154,20 +174,26 @@ def _sides(corners: Bool[np.ndarray, " m"]) -> list[Int[np.ndarray, " _"]]:
 
 
 def between_corners(
-    points: Vertices, corners: Bool[np.ndarray, " m"], degrees: Int[np.ndarray, " m"] | None = None
+    points: Vertices,
+    corners: Bool[np.ndarray, " m"],
+    degrees: Int[np.ndarray, " m"] | None = None,
+    lines: Bool[np.ndarray, " m"] | None = None,
 ) -> Pieces:
-    """The curve of a closed polygon with corners.
+    """The curve of a closed polygon with corners, or with straight lines (a mask of edges) between curves.
 
-    Its sides have given degrees, or are cubic, and of higher degree where that is better.
+    Its sides have given degrees, or are cubic, and between corners of higher degree where that is better.
     """
-    breaks, cubics = piecewise_cubic(points, corners, has_natural_ends=degrees is None)
+    breaks, cubics = piecewise_cubic(points, corners, lines, has_natural_ends=degrees is None)
+    joints = np.zeros_like(corners) if lines is None else ends_of_lines(lines, corners)
     padding, highest = max(DEGREES) - min(DEGREES), min(DEGREES)
     coefficients = np.concatenate([np.zeros((padding, *points.shape)), cubics])
     widths, is_long = np.diff(breaks), are_long(points)
-    for side in _sides(corners):
-        if len(side) + 1 < MIN_POINTS_FOR_HIGH_DEGREE or (degrees is None and is_long[side].any()):
+    for side in _sides(corners | joints):
+        last = (side[-1] + 1) % len(points)
+        is_short = len(side) + 1 < MIN_POINTS_FOR_HIGH_DEGREE
+        if is_short or joints[[side[0], last]].any() or (degrees is None and is_long[side].any()):
             continue
-        vertices = points[np.append(side, (side[-1] + 1) % len(points))]
+        vertices = points[np.append(side, last)]
         arcs = _arc_shares(np.append(0.0, np.cumsum(widths[side])), cubics[:, side])
         degree = int(predicting_degree(vertices, arcs, is_closed=False)[0] if degrees is None else degrees[side[0]])
         if degree > min(DEGREES):

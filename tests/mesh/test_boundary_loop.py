@@ -17,7 +17,7 @@ from spinor_geom.errors import (
     RepeatedPointError,
     SpinorGeomError,
 )
-from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners, measure, turning_angles
+from spinor_geom.mesh.boundary_loop import BoundaryLoop, detect_corners, measure, straight_edges, turning_angles
 from spinor_geom.plateau.roughness import has_stray_corners
 from tests.fill.shapes import circle
 from tests.strategies import RigidMotion, rigid_motions, rough_loops, smooth_loops
@@ -228,6 +228,15 @@ class TestCorners:
         points = circle(16, 1.0)
         points[4] *= 1.5
         assert not detect_corners(np.insert(points, 1, points[1] + [1e-20, 1e-17, 5e-18], axis=0)).any()
+
+
+@pytest.mark.parametrize("count", [12, 48, 4800])
+def test_smooth_curves_and_polygons_have_no_straight_lines_between_curves(count: int) -> None:
+    # turns of 0 at points of inflection, and hardly more beside them
+    t = 2 * np.pi * np.arange(count) / count
+    eight = np.column_stack([np.sin(t), np.sin(2 * t), np.cos(t)])
+    for points in (eight, polygon_sides(circle(24), count // 12)):
+        assert not straight_edges(points, np.zeros(len(points), dtype=bool)).any()
 
 
 def test_measures_of_many_loops_are_those_of_each() -> None:

@@ -150,6 +150,16 @@ class TestDegree:
         assert np.abs(np.hypot(x, np.abs(y) - 1) - 1)[on_arc].max() < 1e-7
         assert jump(curve, 1, np.delete(np.arange(50), (corners - shift) % 50)).max() < 1e-9
 
+    @pytest.mark.parametrize("shift", [0, 3, 15])
+    def test_straight_lines_between_arcs_stay_straight(self, shift: int) -> None:
+        z = np.concatenate([np.exp(1j * np.pi * (np.arange(12) / 12 - 0.5)) + 2, 2 - np.arange(4) + 1j])
+        points = np.stack([z.real, z.imag, 0 * z.real], axis=1)
+        curve = curve_of(np.roll(np.concatenate([points, -points]), -shift, axis=0), [])
+        x, y, _ = np.abs(curve.point(np.linspace(0, 1, 1000))).T
+        # as far as cubics miss arcs. The spline through all points was 1e-2 from them
+        assert np.where(x < 2, np.abs(y - 1), np.abs(np.hypot(x - 2, y) - 1)).max() < 4e-5
+        assert jump(curve, 1, np.arange(32)).max() < 1e-12
+
     def test_rough_or_short_sides_keep_the_cubic(self) -> None:
         assert curve_of(circle(28), [0, 14]).kind == "cubic"
         noisy = circle(200) + 0.01 * np.random.default_rng(0).normal(size=(200, 3))

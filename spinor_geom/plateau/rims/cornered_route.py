@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 
 import numpy as np
-from jaxtyping import Complex, Float
+from jaxtyping import Bool, Complex, Float
 
-from spinor_geom.arrays import EPS, NUMPY, norm, to_numpy, unit
+from spinor_geom.arrays import EPS, NUMPY, norm, shifted, to_numpy, unit
 from spinor_geom.domain.plane_domain import panel_breaks
 from spinor_geom.errors import OutOfTimeError, SurfaceError, UnresolvedRimsError
 from spinor_geom.holomorphic.cauchy import sign_changing
@@ -226,10 +226,22 @@ def _around(values: Float[np.ndarray, " n"], period: float) -> Float[np.ndarray,
     return np.concatenate([values - period, values, values + period])
 
 
+def ends_of_arcs(curve: BoundaryCurve) -> Bool[np.ndarray, " m"]:
+    """At which breaks the curvature jumps by more than that of a circle, if it varies less between them in total."""
+    s = np.stack([curve.breaks[:-1], np.nextafter(curve.breaks[1:], 0)])
+    slopes = curve.derivative(s)
+    bends = norm(np.cross(slopes, curve.second_derivative(s))) / norm(slopes) ** 3
+    jumps = np.abs(bends[0] - shifted(bends[1], 1)) * ~curve.corners
+    return np.asarray((jumps.sum() > np.ptp(bends, axis=0).sum()) & (jumps * curve.length() > 2 * np.pi))
+
+
 def corners_of(curve: BoundaryCurve) -> Float[np.ndarray, " c"]:
-    """Parameters of a curve's corners. If it has none, of the ends of its arcs: of the breaks nearest to them."""
-    if curve.corners.any():
-        return np.asarray(curve.breaks[:-1][curve.corners])
+    """Parameters of a curve's corners, and of ends of lines and arcs, where its curvature jumps.
+
+    If there are none, of the ends of its sharp bends: of the breaks nearest to them.
+    """
+    if (are_ends := curve.corners | ends_of_arcs(curve)).any():
+        return np.asarray(curve.breaks[:-1][are_ends])
     tangents = unit(curve.derivative(np.arange(SAMPLES) / SAMPLES))
     turns = norm(np.roll(tangents, -1, axis=0) - tangents)
     first = int(turns.argmin())  # outside of arcs

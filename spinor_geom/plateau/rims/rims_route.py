@@ -27,7 +27,7 @@ from spinor_geom.plateau.plane_route import lie_beside
 from spinor_geom.plateau.problem import PlateauProblem
 from spinor_geom.plateau.rim_match import RimMatch
 from spinor_geom.plateau.rims.capacity_path import all_on_path, mean_modulus
-from spinor_geom.plateau.rims.cornered_route import corners_of, solve_with_corners
+from spinor_geom.plateau.rims.cornered_route import corners_of, ends_of_arcs, solve_with_corners
 from spinor_geom.plateau.rims.energy import DENSE, HarmonicSurface, RimsProblem
 from spinor_geom.plateau.rims.starts import OrientedSurface, Rim, projected_starts, start_between
 from spinor_geom.plateau.roughness import ROUGH_GRADIENT, is_rough, negligible_energy
@@ -91,10 +91,11 @@ class RimsSolver:
 
     @property
     def have_corners(self) -> bool:
-        """Whether some rims have corners, or are not analytic and have arcs, and all rims their own curves."""
-        curves = self.problem.curves
-        have_arcs = any(curve.kind != "analytic" and len(corners_of(curve)) for curve in curves)
-        return not self._are_rough and (have_arcs or any(curve.corners.any() for curve in curves))
+        """Whether some rims have corners, arcs, or bends if they are not analytic, and all rims their own curves."""
+        return not self._are_rough and any(
+            len(corners_of(curve)) and (curve.kind != "analytic" or (curve.corners | ends_of_arcs(curve)).any())
+            for curve in self.problem.curves
+        )
 
     @property
     def may_crowd(self) -> bool:
