@@ -13,7 +13,6 @@ from typing import TypeAlias
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.interpolate import CubicSpline, PPoly
-from scipy.spatial import cKDTree
 
 from spinor_geom.arrays import TINY, backwards, modulo_one, norm, shifted
 from spinor_geom.errors import CurveError
@@ -29,10 +28,10 @@ from spinor_geom.mesh.interpolation import (
     smooth_curves,
     through,
 )
+from spinor_geom.mesh.operators import nearest_on_mesh
 
 LENGTH_NODES = 16
 SAMPLES_PER_PIECE = 8
-NEAREST_SAMPLES = 2
 MAX_NEWTON_STEPS = 30
 NEWTON_STEP_TOLERANCE = 1e-15
 # Tolerances of the polynomials of a formula: error in pieces and gap between them, per extent, and error of
@@ -341,13 +340,16 @@ class BoundaryCurve:
     def nearest(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
         """Parameter in [0, 1) of the point of Γ nearest to each point, (N,).
 
-        Newton's method minimises the distance, to rounding, on the parts of Γ on both sides of the two nearest of 8
-        samples per piece. If two parts of Γ are equally near, up to the spacing of the samples, one of them is
+        Newton's method minimises the distance, to rounding, on the part of Γ whose chord is nearest, of 8 per piece,
+        and on its neighbours. If two parts of Γ are equally near, up to their distance from the chords, one of them is
         returned.
         """
-        tree, parameters = self._samples
-        _, found = tree.query(points, k=NEAREST_SAMPLES)
-        starts = np.stack([found, found - 1], axis=-1).reshape(len(points), 2 * NEAREST_SAMPLES) % len(parameters)
+        fractions = np.arange(SAMPLES_PER_PIECE) / SAMPLES_PER_PIECE
+        parameters = (self.breaks[:-1, None] + np.diff(self.breaks)[:, None] * fractions).reshape(-1)
+        own = np.arange(len(parameters))
+        chords = np.stack([own, shifted(own, -1)], axis=1)
+        _, found, _ = nearest_on_mesh(points, self.point(parameters), chords)
+        starts = (found[:, None] + np.arange(-1, 2)) % len(parameters)
         # the end of a part is excluded, because at a corner Γ′ is that of the next part
         low, high = parameters[starts], np.nextafter(np.append(parameters[1:], 1.0), 0.0)[starts]
         s = (low + high) / 2
@@ -363,12 +365,6 @@ class BoundaryCurve:
                 break
         best = np.argmin(norm(self.point(s) - points[:, None, :]), axis=1)
         return modulo_one(np.round(s[np.arange(len(s)), best], 15))  # rounded: 1 is 0
-
-    @cached_property
-    def _samples(self) -> tuple[cKDTree, Float[np.ndarray, " k"]]:
-        fractions = np.arange(SAMPLES_PER_PIECE) / SAMPLES_PER_PIECE
-        parameters = (self.breaks[:-1, None] + np.diff(self.breaks)[:, None] * fractions).reshape(-1)
-        return cKDTree(self.point(parameters)), parameters
 
 
 def _formula_breaks(curve: ClosedCurve, pieces: int) -> tuple[Breaks, Bool[np.ndarray, " m"]]:
