@@ -110,11 +110,9 @@ def test_nodes_stay_on_their_side():
     boundary = domain_over([(0, 0), (2, 0), (0.5, 1.5)]).boundary
     first, second, third = boundary.parameters[:-1][boundary.corners]
     nodes = np.array([(first + second) / 2, (second + third) / 2, (third + 1) / 2])
-    low, high = slide_bounds(boundary, np.array([0.2, 0.5, 0.7]), nodes).T
-    np.testing.assert_allclose(low, [0.2, 0.5, 0.7], atol=1e-12)
-    np.testing.assert_allclose(high, [0.5, 0.7, 1.2], atol=1e-12)
-    nothing = slide_bounds(boundary, np.empty(0), np.array([0.3]))
-    assert nothing.tolist() == [[-np.inf, np.inf]]
+    bounds = slide_bounds(boundary, np.array([0.2, 0.5, 0.7]), nodes)
+    np.testing.assert_allclose(bounds, [[0.2, 0.5], [0.5, 0.7], [0.7, 1.2]], atol=1e-12)
+    assert slide_bounds(boundary, np.empty(0), np.array([0.3])).tolist() == [[-np.inf, np.inf]]
 
 
 @pytest.mark.parametrize(

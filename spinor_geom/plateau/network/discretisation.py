@@ -185,7 +185,14 @@ class Discretisation:
         paths = [path_across(self.domain, hole)[0] for hole in range(len(self.domain.holes))]
         z = place_of(self.problem.dz).put(np.concatenate([self.panels.z, *paths]))
         smooth = replace(self, branches=())._network_with(edge_poles(self.domain)).features(z)
-        return ModulusFields.of_corners(self.domain, self.panels, to_numpy(smooth))
+        smooth = to_numpy(smooth)
+        fields = ModulusFields.of_corners(self.domain, self.panels, smooth)
+        # Along a holomorphic field Ω moves together with p and q, and the surface does not change. With the one nearest
+        # to v, above all at the corners, poles would stay behind moved corners, and the iteration would be slow.
+        distance = np.abs(self.panels.z[:, None] - self.domain.vertices[self.domain.corners]).min(axis=1)
+        root, smooth = (np.sqrt(self.panels.arc_weights) / distance)[:, None], smooth[: len(distance)]
+        factors, *_ = np.linalg.lstsq(root * smooth, root * fields.nodes, rcond=EPS)
+        return replace(fields, nodes=fields.nodes - smooth @ factors)
 
     @property
     def flexible_problem(self) -> NetworkProblem:
@@ -335,7 +342,7 @@ def projected(
 class ModulusFields:
     """Vector fields on ∂Ω that change the moduli of Ω: conj(g), which keeps corner angles, or growth of the hole."""
 
-    nodes: Complex[np.ndarray, "nodes k"]  # at the nodes of the panels, in units of Ω
+    nodes: Complex[np.ndarray, "nodes k"]  # at the nodes of the panels, in units of Ω, up to holomorphic fields
     vertices: Complex[np.ndarray, "m k"]  # at the vertices of ∂Ω, or of its hole. At most the diameter of Ω
 
     @classmethod

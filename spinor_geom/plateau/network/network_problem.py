@@ -32,6 +32,7 @@ class NetworkProblem:
     cumulative: Float[Array, "order order"]  # integration matrix of a panel of length 1
     slide_bounds: Float[Array, "nodes 2"]  # lowest and highest curve parameter of each node
     fields: Complex[Array, "nodes k"]  # fields along which Ω may move to change its moduli
+    power: float = 1.0  # see `fit_weights`
 
     @classmethod
     def on_panels(
@@ -69,6 +70,13 @@ class NetworkProblem:
     def arc_weights(self) -> Float[Array, " nodes"]:
         """Weights of the mean by arc length of ∂Ω, with sum 1."""
         weights = (self.weights * abs(self.dz))[: self.nodes]
+        return weights / weights.sum()
+
+    @property
+    def fit_weights(self) -> Float[Array, " nodes"]:
+        """Weights of squared distances in fits, with sum 1: each panel has a power of its length."""
+        by_panel = self.arc_weights.reshape(-1, len(self.cumulative))
+        weights = (by_panel * by_panel.sum(1)[:, None] ** (self.power - 1)).reshape(-1)
         return weights / weights.sum()
 
     def by_rim(self, values: Shaped[Array, "nodes *rest"]) -> tuple[Shaped[Array, "_ *rest"], ...]:

@@ -25,7 +25,7 @@ from spinor_geom.domain.flattening import flatten
 from spinor_geom.domain.opening import Opening
 from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary, sampled
 from spinor_geom.errors import DomainError, OutOfTimeError, SingularMatrixError
-from spinor_geom.holomorphic.poles import corner_poles
+from spinor_geom.holomorphic.poles import CORNER_TOLERANCES, corner_poles
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.curve_tensors import CurveTensors
@@ -334,7 +334,7 @@ class NetworkSolver:
         last, folds = np.inf, False
         allowed, steps = self.problem.allowed, self.problem.steps
         while True:
-            fit = gauss_newton(stage.flexible_problem, readout, slide, allowed=allowed, steps=steps)
+            fit = self._minimised(stage.flexible_problem, readout, slide)
             readout, slide = fit.readout, fit.slide
             length = stage.length_of_move(fit)
             # a displacement changes the residual by as much at most. Up to the residual itself areas are off by 5e-4
@@ -364,9 +364,13 @@ class NetworkSolver:
         *,
         near: bool = False,
     ) -> Fitted:
-        allowed, steps = self.problem.allowed, self.problem.steps
-        return self._measured(
-            stage, gauss_newton(stage.problem, readout, slide, allowed=allowed, steps=steps, near=near)
+        return self._measured(stage, self._minimised(stage.problem, readout, slide, near=near))
+
+    @property
+    def _minimised(self) -> Callable[..., Fit]:
+        is_fine = self.problem.options.tolerance < CORNER_TOLERANCES[-1]
+        return partial(
+            gauss_newton, allowed=self.problem.allowed, steps=self.problem.steps, power=0.5 if is_fine else 1.0
         )
 
     def _measured(self, stage: Discretisation, fit: Fit) -> Fitted:
