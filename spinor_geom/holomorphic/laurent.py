@@ -94,6 +94,13 @@ class LaurentSeries(ArrayModel):
         """(p(z), q(z))."""
         return _sums(self.circles.coordinates(z), self.outward, self.inward) * self.sign_changing(z)[..., None]
 
+    def part(self, z: Complex[Array, "*pts"], number: int) -> Complex[Array, "*pts 2"]:
+        """The part of p and q in powers of one circle's coordinate, without the factors √(z − c_j)."""
+        zeta = self.circles.coordinates(z)[number]
+        if number == 0:
+            return power_sums(zeta, self.outward)
+        return zeta[..., None] * power_sums(zeta, self.inward[number - 1])
+
     def derivative(self, z: Complex[Array, "*pts"]) -> Complex[Array, "*pts 2"]:
         """(p'(z), q'(z))."""
         outer, *inner = zeta = self.circles.coordinates(z)

@@ -87,6 +87,8 @@ def _plan_between(problem: PlateauProblem, in_plane: tuple[Route, ...]) -> tuple
     is_free = options.between == "free" and options.model == "auto" and not problem.curve.is_formula
     is_free = is_free and any(map(is_rough, problem.units, problem.curves))
     through = (Route("vertices", lambda _: solver.through_points()),) if is_free else ()
+    if through and len(problem.loops) > 2:  # it ends with the route on circles
+        return (*in_plane, *through)
     # the route on circles detects crowded nodes early, with few nodes
     network = (NETWORK,) if len(problem.loops) == 2 else ()
     on_own_nodes = Route(_ON_OWN_NODES, lambda _: solver.on_own_nodes())

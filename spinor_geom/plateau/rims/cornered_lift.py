@@ -379,6 +379,15 @@ class LiftedSurface:
         )
         return ArraySurface(network, lift.domain, self.constant)
 
+    def part(self, z: Complex[np.ndarray, "*pts"], number: int) -> Complex[np.ndarray, "*pts 2"]:
+        """The part of p and q with poles in one hole, or outside the disk for 0, without the factor at branches."""
+        poles, circles = self.lift.poles, self.lift.surface.form.circles
+        away = np.abs(poles.positions[:, None] - circles.centres[1:]) / circles.radii[1:]
+        inside = np.where(away.min(axis=1) < 1, away.argmin(axis=1) + 1, 0)
+        features = self.lift.features(z.ravel())
+        features[:, np.append(np.zeros(len(self.lift.hessenberg), dtype=np.int64), inside) != number] = 0.0
+        return np.asarray((features @ self.readout).reshape(*z.shape, 2))
+
     @cached_property
     def misfit(self) -> Misfit:
         """The distance of its boundary from Γ, at points between the nodes."""

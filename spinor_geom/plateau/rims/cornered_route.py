@@ -14,7 +14,7 @@ from functools import cached_property, partial
 import numpy as np
 from jaxtyping import Bool, Complex, Float
 
-from spinor_geom.arrays import EPS, NUMPY, norm, shifted, to_numpy, unit
+from spinor_geom.arrays import EPS, NUMPY, Place, norm, shifted, to_numpy, unit
 from spinor_geom.domain.plane_domain import panel_breaks
 from spinor_geom.errors import OutOfTimeError, SurfaceError, UnresolvedRimsError
 from spinor_geom.holomorphic.cauchy import sign_changing
@@ -32,7 +32,7 @@ from spinor_geom.plateau.rims.circles import Circles
 from spinor_geom.plateau.rims.cornered import CorneredSurface, CornerForm
 from spinor_geom.plateau.rims.cornered_lift import CorneredLift, LiftedSurface
 from spinor_geom.plateau.rims.cornered_newton import stationary
-from spinor_geom.plateau.rims.sides import FINE, ROUGH, SAMPLES, START, CorneredRims, Side
+from spinor_geom.plateau.rims.sides import FINE, ROUGH, SAMPLES, START, CorneredRims, Resolution, Side
 from spinor_geom.plateau.rims.starts import OrientedSurface
 from spinor_geom.plateau.route_result import (
     COLLAPSED,
@@ -43,10 +43,12 @@ from spinor_geom.plateau.route_result import (
     typed_failures,
 )
 from spinor_geom.plateau.steps import SPENT
+from spinor_geom.plateau.vertices.rims_through_points import SmoothSurface
 
 _FREQUENCIES = 20, 96  # least and largest number of frequencies of a rim without corners
 # Arcs of Γ, by samples of its tangents: parts that bend that much more than a circle, and turn by more than an angle
 _SHARP, _LEAST_TURN = 2.5, 0.5
+_SHARP_OF_AVERAGES = 1.5  # for averages of ragged rims: with 2.5 two of ten start without corners and find no surface
 # Share of the allowed distance to reach if finer corners do. They take as long as all before.
 _WELL_BELOW = 1e-2
 
@@ -61,10 +63,31 @@ def solve_with_corners(problem: PlateauProblem, starts: Sequence[OrientedSurface
         SurfaceError: the surface has a branch point.
         DomainError: the polygon of ∂Ω crosses itself.
     """
+    start, surface = next(_harmonic(problem, starts, ROUGH, _SHARP))
+    return _minimal(problem, start, surface)
+
+
+def coarse_surfaces(
+    problem: PlateauProblem, starts: Sequence[OrientedSurface]
+) -> Iterator[tuple[OrientedSurface, LiftedSurface]]:
+    """Minimal surfaces about a tenth of an edge from Γ, least energy of the starts first. Raises as the function above.
+
+    Between four rims they take a tenth of its time.
+    """
+    for start, surface in _harmonic(problem, starts, START, _SHARP_OF_AVERAGES):
+        with suppress(SurfaceError):  # the signs of p and q may be unclear
+            yield start.oriented, _lifted(problem, start, surface)
+
+
+def _harmonic(
+    problem: PlateauProblem, starts: Sequence[OrientedSurface], resolution: Resolution, sharp: float
+) -> Iterator[tuple[_Start, CorneredSurface]]:
+    """The harmonic surfaces that starts lead to, least energy first. Raises as the functions above if there is none."""
     error: UnresolvedRimsError | None = None
     with problem.clock.stage("slides"):
-        given = [_Start.of(problem, oriented) for oriented in starts]
+        given = [_Start.of(problem, oriented, sharp) for oriented in starts]
         given.sort(key=lambda start: start.surface.energy)
+    is_found = False
     for start in given:
         surface: CorneredSurface | None
         try:
@@ -72,13 +95,17 @@ def solve_with_corners(problem: PlateauProblem, starts: Sequence[OrientedSurface
                 # corners have wrong angles at first
                 surface = stationary(start.surface, problem.steps, COARSE**0.5)
                 surface = stationary(surface.refitted(START), problem.steps, COARSE)
-                surface = stationary(surface.refitted(ROUGH), problem.steps, COARSE**2)
+                if resolution != START:
+                    surface = stationary(surface.refitted(resolution), problem.steps, COARSE**2)
         except UnresolvedRimsError as failure:
             error, surface = failure, None
         except NoConnectedSurfaceError:
             surface = None
         if surface is not None:
-            return _minimal(problem, start, surface)
+            is_found = True
+            yield start, surface
+    if is_found:
+        return
     if error or not starts:
         raise error or UnresolvedRimsError(rims=len(problem.units), failure="has no start")
     raise NoConnectedSurfaceError(COLLAPSED)
@@ -144,15 +171,16 @@ class _Start:
     slides: Float[np.ndarray, "m n"]
     normals: Float[np.ndarray, "m n 3"]  # ∂X/∂n
     circles: Circles
+    corners: Sequence[Float[np.ndarray, " _"]]
 
     @classmethod
-    def of(cls, problem: PlateauProblem, oriented: OrientedSurface) -> _Start:
+    def of(cls, problem: PlateauProblem, oriented: OrientedSurface, sharp: float) -> _Start:
         """The start over a conformal image of Ω whose holes and corners are spread evenly."""
         here, curves = oriented.surface, tuple(oriented.as_directed(problem.curves))
         slides, z = to_numpy(here.slides), to_numpy(here.domain.circles(here.slides.shape[1]))
         centres = np.append(0.0, to_numpy(here.domain.centres))
         log_radii = np.append(0.0, to_numpy(here.domain.log_radii))
-        corners = list(map(corners_of, curves))
+        corners = [corners_of(curve, sharp) for curve in curves]
         rim_of_corner = np.repeat(np.arange(len(curves)), [len(own) for own in corners])
         at_corners = map(_arguments, corners, slides, _unwrapped(z, centres))
         circles, points = Circles(
@@ -167,21 +195,18 @@ class _Start:
             slides=slides,
             normals=to_numpy(here.normal),
             circles=circles,
+            corners=corners,
         )
-
-    @cached_property
-    def _corners(self) -> list[Float[np.ndarray, " _"]]:
-        return list(map(corners_of, self.curves))
 
     @cached_property
     def exponents(self) -> Float[np.ndarray, " c"]:
         """Probable angles of the surface at all corners, over π."""
-        return np.concatenate(list(map(self._exponents, range(len(self.curves)), self._corners)))
+        return np.concatenate(list(map(self._exponents, range(len(self.curves)), self.corners)))
 
     @cached_property
     def surface(self) -> CorneredSurface:
         """The start of Newton's method."""
-        corners, exponents = self._corners, self.exponents
+        corners, exponents = self.corners, self.exponents
         rims = CorneredRims.of(
             [CurveTensors.of(curve, NUMPY) for curve in self.curves],
             corners,
@@ -235,7 +260,7 @@ def ends_of_arcs(curve: BoundaryCurve) -> Bool[np.ndarray, " m"]:
     return np.asarray((jumps.sum() > np.ptp(bends, axis=0).sum()) & (jumps * curve.length() > 2 * np.pi))
 
 
-def corners_of(curve: BoundaryCurve) -> Float[np.ndarray, " c"]:
+def corners_of(curve: BoundaryCurve, sharp: float = _SHARP) -> Float[np.ndarray, " c"]:
     """Parameters of a curve's corners, and of ends of lines and arcs, where its curvature jumps.
 
     If there are none, of the ends of its sharp bends: of the breaks nearest to them.
@@ -246,7 +271,7 @@ def corners_of(curve: BoundaryCurve) -> Float[np.ndarray, " c"]:
     turns = norm(np.roll(tangents, -1, axis=0) - tangents)
     first = int(turns.argmin())  # outside of arcs
     turns = np.roll(turns, -first)
-    is_sharp, turned = turns > _SHARP * 2 * np.pi / SAMPLES, np.append(0.0, np.cumsum(turns))
+    is_sharp, turned = turns > sharp * 2 * np.pi / SAMPLES, np.append(0.0, np.cumsum(turns))
     ends = np.flatnonzero(np.diff(is_sharp, prepend=False, append=False)).reshape(-1, 2)
     arcs = (first + ends[np.ptp(turned[ends], axis=1) > _LEAST_TURN].ravel()) / SAMPLES % 1
     nearest = np.abs(arcs[:, None] - curve.breaks).argmin(axis=1)
@@ -272,6 +297,22 @@ def _unwrapped(z: Complex[np.ndarray, "m n"], centres: Complex[np.ndarray, " m"]
     """Arguments of points on circles, in the direction of ∂Ω: increasing in each row."""
     signs = np.where(np.arange(len(centres)) == 0, 1.0, -1.0)
     return np.unwrap(signs[:, None] * np.angle(z - centres[:, None]), axis=1)
+
+
+def smooth_surface(oriented: OrientedSurface, found: LiftedSurface, place: Place) -> SmoothSurface:
+    """A surface over averages of rims as the start of one through their points."""
+    circles = found.lift.surface.form.circles
+    return SmoothSurface(
+        surface=found.surface(place),
+        centres=circles.centres[1:],
+        radii=circles.radii[1:],
+        branches=found.lift.branches,
+        part=lambda z, number: place.put(found.part(z, number)),
+        boundaries=found.lift.domain.boundaries,
+        averages=found.lift.curves,
+        matchings=found.matchings,
+        rims_result=_rims_result(found, oriented, period=0.0),
+    )
 
 
 def _rims_result(found: LiftedSurface, oriented: OrientedSurface, *, period: float) -> RimsResult:

@@ -164,6 +164,10 @@ class Basis:
         parts = [solve_lower(rim.norm, readout[rim.own], adjoint=True) for rim in self.rims]
         return namespace(readout).concat(parts)
 
+    def readout(self, raw: Complex[Array, "k 2"]) -> Complex[Array, "k 2"]:
+        """Read-outs of the orthonormal features from those of the features."""
+        return namespace(raw).concat([rim.norm.mT.conj() @ raw[rim.own] for rim in self.rims])
+
     def orthonormal(self, rows: Complex[Array, "r k"]) -> Complex[Array, "k r"]:
         """Conjugates of linear functions of the features, as functions of the orthonormal ones."""
         return namespace(rows).concat([solve_lower(rim.norm, rows[:, rim.own].mT.conj()) for rim in self.rims])

@@ -17,30 +17,24 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Complex, Float, Int
 
-from spinor_geom.arrays import Array, namespace, norm, place_of, shifted, square, to_numpy
+from spinor_geom.arrays import Array, norm, place_of, shifted
 from spinor_geom.deadline import is_out_of_time
 from spinor_geom.discrete.first_fill import LONGEST
 from spinor_geom.discrete.minimal_surface import first_disk
 from spinor_geom.domain.flattening import Flattening, flatten
 from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary
-from spinor_geom.domain.quadrature import cumulative_matrix, path_to
+from spinor_geom.domain.quadrature import cumulative_matrix
 from spinor_geom.domain.triangulation import PlaneTriangulation
 from spinor_geom.errors import DomainError, OutOfTimeError, SurfaceError
-from spinor_geom.holomorphic.laurent import LaurentSeries
-from spinor_geom.holomorphic.poles import Poles, polygon_poles
-from spinor_geom.holomorphic.series import power_sums
+from spinor_geom.holomorphic.poles import polygon_poles
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.interpolation import piece_places, through
-from spinor_geom.plateau.harmonic.lift import Lift
 from spinor_geom.plateau.initial_spinors import lifted_spinors
 from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.problem import PlateauProblem, Route
 from spinor_geom.plateau.route_result import RouteResult
-from spinor_geom.plateau.steps import Steps
-from spinor_geom.plateau.vertices.edge_features import nodes_on_edges
 from spinor_geom.plateau.vertices.through_points import NODES, Basis, Passing, nearest_through
 from spinor_geom.surface.array_surface import ArraySurface
-from spinor_geom.surface.formulas import null_vector, phi
 from spinor_geom.surface.interior import RimPrimitive
 
 # Largest distance of a start from the points, and of Γ from the rim's edges, in mean edges. One in seven rims cut along
@@ -95,7 +89,7 @@ def disk_through_points(problem: PlateauProblem) -> RouteResult:
         at_root = rim.at_breaks[root] if root < len(points) else rim.inside(domain.triangulation.points[[root]])[0]
         surface = ArraySurface(network, domain, points[0] + error[0] + at_root.real)
         surface.rim = rim
-        found = _passed(surface, [rim], [points], [error], area=rim.area, near="the discrete one")
+        found = passed(surface, [rim], [points], [error], area=rim.area, near="the discrete one")
         found = replace(found, curves=(replace(found.curves[0], at_points=are_own),))
         bulge = found.curves[0].bulge() / loop.mean_edge_length
         if not bulge <= _FAR:
@@ -112,9 +106,8 @@ def _fitted(
     basis: Basis, spinors: Complex[Array, "n 2"], raw: Complex[Array, "k 2"] | None, problem: PlateauProblem
 ) -> Complex[Array, "k 2"]:
     """Read-outs of the surface through all points nearest to spinors at edge midpoints. `raw` is an initial guess."""
-    (rim,) = basis.rims
-    start = rim.nearest_between(spinors)
-    readout = start if raw is None else rim.norm.mT.conj() @ raw
+    start = basis.rims[0].nearest_between(spinors)
+    readout = start if raw is None else basis.readout(raw)
     wanted = place_of(start).put(problem.unit.divided[0])
     here = Passing(basis=basis, points=(wanted,), raw=basis.raw(readout))
     in_edges = here.distance / problem.unit.mean_edge_length
@@ -128,7 +121,7 @@ def _fitted(
 
 def _domain(faces: Int[np.ndarray, "f 3"], images: Complex[np.ndarray, " n"], flat: Flattening) -> PlaneDomain:
     """The inside of the flattened boundary, with the triangles of the disk if none is flipped."""
-    boundary = _polygon_through(flat.boundary)
+    boundary = polygon_through(flat.boundary)
     a, b, c = images[faces].T
     if not ((np.conj(b - a) * (c - a)).imag > 0).all():
         return PlaneDomain.inside(boundary, flat.log_scale)
@@ -136,90 +129,7 @@ def _domain(faces: Int[np.ndarray, "f 3"], images: Complex[np.ndarray, " n"], fl
     return PlaneDomain(boundary=boundary, triangulation=mesh, log_scale=flat.log_scale)
 
 
-def surface_through(
-    smooth: Lift,
-    starts: Sequence[Complex[Array, " _"]],
-    points: Sequence[Float[np.ndarray, "_ 3"]],
-    *,
-    allowed: float,
-    steps: Steps,
-) -> RouteResult:
-    """The surface through points that is nearest to a smooth one over averages of the rims.
-
-    Args:
-        smooth: the smooth surface.
-        starts: for each rim, points of its circle near the images of its points.
-        points: the points of each rim.
-        allowed: RMS distance from the points.
-        steps: the steps of the solve.
-
-    Raises:
-        DomainError: a hole is too narrow for the teeth of its rim.
-        SurfaceError: the surface is not finite.
-    """
-    wanted = [place_of(smooth.shift).put(each) for each in points]
-    outer, *holes = (_polygon_through(to_numpy(_feet(smooth, z, each))) for z, each in zip(starts, wanted, strict=True))
-    domain = PlaneDomain.inside(outer, holes=tuple(holes))
-    basis, start = _basis_around(domain, smooth.series)
-    here = Passing(basis=basis, points=tuple(wanted), raw=basis.raw(start))
-    readout = nearest_through(here, start, start=start, allowed=allowed, steps=steps)
-    here = here.at(here.at(readout).closed(readout))
-    if not np.isfinite(here.distance):
-        raise SurfaceError("p and q of the surface over averages of the rims overflow near their points")
-    surface = ArraySurface(basis.network(here.raw), domain)
-    # differences from the points, by integrals along ∂Ω with twice as many nodes
-    rims = surface.rim_primitives(2 * NODES)
-    places = surface.position(np.array([boundary.vertices[0] for boundary in domain.boundaries]))
-    off = [place + rim.at_breaks[:-1].real - each for place, rim, each in zip(places, rims, points, strict=True)]
-    mean = np.concatenate(off).mean(axis=0)
-    surface = ArraySurface(surface.model, domain, -mean)
-    area = sum(rim.area + 0.5 * float(place @ rim.at_breaks[-1].imag) for place, rim in zip(places, rims, strict=True))
-    return _passed(surface, rims, points, [each - mean for each in off], area=area, near="that over averages")
-
-
-def _feet(smooth: Lift, start: Complex[Array, " n"], points: Float[Array, "n 3"]) -> Complex[Array, " n"]:
-    """Points of Ω where a surface is nearest to given points, by a step along its tangent planes."""
-    velocity = phi(*smooth.series.value(start).mT)
-    away = points - smooth.shift - null_vector(*smooth.series.primitive(start).mT).real
-    return start + 2 * (away * velocity.conj()).sum(-1) / square(velocity).sum(-1)
-
-
-def _basis_around(domain: PlaneDomain, smooth: LaurentSeries) -> tuple[Basis, Complex[Array, "k 2"]]:
-    """The features on the rims of Ω, and the orthonormal read-outs of the smooth surface."""
-    circles = smooth.circles
-    place = place_of(circles.radii)
-    poles = [polygon_poles(boundary.vertices) for boundary in domain.boundaries]
-    if domain.contains(to_numpy(circles.centres)).any():
-        raise DomainError("a hole of Ω is too narrow for the teeth of its rim", vertices=len(domain.vertices))
-    for number, centre in enumerate(circles.centres.tolist(), 1):
-        # halfway to its centre, for low frequencies around the hole, as many poles as polynomials
-        turn = np.exp(2j * np.pi * np.arange(NODES + 1) / (NODES + 1))
-        radius = np.abs(domain.boundaries[number].vertices - centre).min() / 2
-        poles[number] += Poles(positions=centre + radius * turn, scales=np.full(NODES + 1, radius))
-    sizes = [len(boundary.vertices) for boundary in domain.boundaries]
-    firsts = [sum(sizes[:number]) for number in range(len(sizes))]
-    basis = Basis.on(
-        [place.put(boundary.vertices) for boundary in domain.boundaries],
-        poles,
-        nodes=NODES,
-        paths=[path_to(domain, first, NODES) for first in firsts],
-        branches=circles.centres[np.flatnonzero(smooth.antiperiodic)],
-    )
-    parts = [_part(smooth, nodes_on_edges(rim.polygon, NODES), number) for number, rim in enumerate(basis.rims)]
-    return basis, namespace(circles.radii).concat(
-        [rim.nearest(part) for rim, part in zip(basis.rims, parts, strict=True)]
-    )
-
-
-def _part(smooth: LaurentSeries, z: Complex[Array, "*pts"], number: int) -> Complex[Array, "*pts 2"]:
-    """The part of one circle's powers in p and q, without the factor √(z − c) of holes where they change sign."""
-    zeta = smooth.circles.coordinates(z)[number]
-    if number == 0:
-        return power_sums(zeta, smooth.outward)
-    return zeta[..., None] * power_sums(zeta, smooth.inward[number - 1])
-
-
-def _passed(
+def passed(
     surface: ArraySurface,
     rims: Sequence[RimPrimitive],
     points: Sequence[Float[np.ndarray, "_ 3"]],
@@ -287,7 +197,7 @@ def _misfit_at_points(curve: BoundaryCurve, error: Float[np.ndarray, "n 3"]) -> 
     )
 
 
-def _polygon_through(vertices: Complex[np.ndarray, " n"]) -> SplineBoundary:
+def polygon_through(vertices: Complex[np.ndarray, " n"]) -> SplineBoundary:
     """The closed polygon through vertices, which are not marked as corners because p and q are regular there."""
     step = shifted(vertices, -1) - vertices
     if not step.all():
