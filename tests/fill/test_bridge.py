@@ -14,6 +14,7 @@ from spinor_geom.mesh.find_loops import find_boundary_loops
 from spinor_geom.mesh.triangle_mesh import TriangleMesh
 from tests.closed import is_watertight
 from tests.fill.shapes import circle, collar, together
+from tests.plateau.rims import TETRAHEDRON
 from tests.systems import every_second
 
 SIDES = 24
@@ -123,14 +124,6 @@ def test_island_is_recognised_and_joined() -> None:
     assert f"loop indices: {piece}): ignored" in ignored.loops[hole].notes[-1]
 
 
-def test_island_in_a_hole_of_a_mesh_cut_along_triangles_is_joined_through_its_points() -> None:
-    _, report = fill_hole("data/spot_cut.obj", [3, 4], islands="join", return_report=True)
-    solution = report.loops[3].solution
-    assert report.loops[3].joined_to == 4
-    assert solution.route == "vertices"
-    assert report.complete
-
-
 @pytest.mark.parametrize(("height", "is_in"), [(0.3, True), (0.5, True), (0.65, False), (1.0, False)])
 def test_a_piece_is_in_a_round_hole_up_to_a_fifth_of_the_diagonal(height: float, is_in: bool) -> None:
     # of the hole's box, which is 2.8
@@ -183,6 +176,21 @@ def test_several_islands_in_one_hole_are_joined() -> None:
     assert np.pi * (1 - 3 * 0.2**2) * 0.98 < solution.area < np.pi
     # the rims of the plate and of the pieces' own holes are left
     assert len(find_boundary_loops(TriangleMesh(*filled))) == 1 + 3
+    np.testing.assert_array_equal(filled[0][: len(mesh[0])], mesh[0])
+
+
+@pytest.mark.parametrize("count", [2, 3, 4])
+def test_chunks_cut_along_triangles_are_joined_through_their_points(count: int) -> None:
+    ball, at = (
+        trimesh.creation.icosphere(subdivisions=3),
+        TETRAHEDRON[:count] @ [[1, 0, 0], [0, 0.8, 0.6], [0, -0.6, 0.8]],
+    )
+    label = (ball.triangles_center @ at.T).argmax(axis=1)
+    mesh = together(*((ball.vertices + 0.12 * at[k], ball.faces[label == k]) for k in range(count)))
+    filled, report = fill_hole(mesh, bridge=range(count), time_limit=60, return_report=True)
+    assert report.loops[0].solution.route == "vertices"
+    assert report.complete
+    assert is_watertight(filled[1])
     np.testing.assert_array_equal(filled[0][: len(mesh[0])], mesh[0])
 
 
