@@ -32,16 +32,13 @@ def harmonic(z, centres):
 
 
 @pytest.mark.parametrize(("where", "n"), [(RING, 64), (THREE, 160), (THREE, 512)], ids=["ring", "full", "low alone"])
-def test_normal_derivatives_of_a_harmonic_function(where, n):
+def test_normal_derivatives_of_a_harmonic_function_and_the_modulus_of_a_ring(where, n):
     z, centres = where.circles(n), where.centres.tolist()
     value, slope = harmonic(z, centres)
     exact = (slope * where.velocities(n)).imag
     form = CirclesForm.of(where, n)
     np.testing.assert_allclose(form(value[..., None])[..., 0], exact, rtol=1e-11, atol=1e-11)
     np.testing.assert_allclose(form.matrix() @ value.flatten(), exact.flatten(), rtol=1e-11, atol=1e-11)
-
-
-def test_mean_modulus_of_a_ring_is_its_own():
     assert mean_modulus(RING) == pytest.approx(math.log(1 / 0.3), rel=1e-13)
 
 

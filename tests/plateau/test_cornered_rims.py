@@ -72,7 +72,6 @@ def plane_roof():
 
 def test_area_of_a_plane_region_is_kept_if_steps_end_near_the_solution(monkeypatch):
     assert stationary(plane_roof(), Steps(limit=100)).energy == pytest.approx(400 - 25 * np.pi, rel=2e-7)
-    # where rims nearly touch, steps may stall there; the residual shows whether the surface is near enough
     monkeypatch.setattr(cornered_newton, "MOST_STEPS", 4)
     assert stationary(plane_roof(), Steps(limit=100)).energy == pytest.approx(400 - 25 * np.pi, rel=1e-4)
 
