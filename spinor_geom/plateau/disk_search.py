@@ -158,12 +158,13 @@ def on_side_of_normal(solution: PlateauSolution, rim: ThinnedLoop, solve: Solve)
 
     Which of the two a solve finds changes with any move of the points, the side does not. A boundary of total curvature
     of at most 4π bounds one disk only. Otherwise the counterpart is solved if the area has a maximum on the way there.
+    The disk is returned as it is if it is not stable, or where time is out.
 
     Source: Nitsche, "A new uniqueness theorem for minimal surfaces", Arch. Rational Mech. Anal. 52 (1973).
     """
-    if turning_angles(rim.loop.points).sum() <= 4 * np.pi:
-        return solution
     with suppress(*FAILURES, OutOfTimeError):
+        if turning_angles(rim.loop.points).sum() <= 4 * np.pi or solution.stability.verdict != "stable":
+            return solution
         mesh, one, middle = rim.round_mesh, rim.round_positions(solution), rim.round_disk().vertices
         other = 2 * middle - one
         a, b, c = np.moveaxis(one[mesh.faces], 1, 0)

@@ -193,7 +193,7 @@ def minimal_disk(problem: PlateauProblem, routes: tuple[Route, ...]) -> PlateauS
                 return lower_beside(unstable, ThinnedLoop.of(problem), solve, problem.steps)
 
         solution = replace_unstable(solution, lower, "along its eigenvectors")
-        if problem.options.is_quintic and solution.stability.verdict == "stable":
+        if problem.options.is_quintic:
             with problem.clock.stage("unstable"):
                 solution = on_side_of_normal(solution, ThinnedLoop.of(problem), solve)
     return replace(solution, history=tuple(problem.steps.history), solve_timings=dict(problem.clock.seconds))

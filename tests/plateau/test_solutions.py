@@ -10,7 +10,7 @@ import pytest
 
 from spinor_geom import gallery
 from spinor_geom.discrete.minimal_surface import first_disk
-from spinor_geom.errors import DomainError, FirstFillError
+from spinor_geom.errors import DomainError, FirstFillError, OutOfTimeError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.plateau import PlateauSolution, Stability, disk_search, plan, solve_plateau
 from spinor_geom.plateau.disk_search import ThinnedLoop, find_disks, lower_beside, replace_unstable
@@ -136,6 +136,11 @@ def test_limit_on_steps_holds_for_replacements(monkeypatch):
     assert "no better one was found" in solution.reason
 
 
+def test_disk_without_time_for_its_stability_is_returned(monkeypatch):
+    monkeypatch.setattr(PlateauSolution, "stability", property(_without_time))
+    assert "before its stability was computed" in solve_plateau(seam(0.75, 64), between="quintic").reason
+
+
 def unstable_ennepers_disk() -> tuple[PlateauSolution, ThinnedLoop]:
     exact = exact_solution(((1, 0), (0, 1.2)), 64)
     return with_stability(exact, UNSTABLE), ThinnedLoop(loop=exact.loop, indices=np.arange(64))
@@ -186,6 +191,10 @@ def test_disks_beside_an_unstable_one_lie_on_its_two_sides():
 
 
 # --- what fails -------------------------------------------------------------------------------------------------------
+
+
+def _without_time(_):
+    raise OutOfTimeError
 
 
 def _fails(disk):
