@@ -69,11 +69,13 @@ def stationary(start: CorneredSurface, steps: Steps, negligible: float = ROUNDIN
             reach = min(3 * reach, 1.0)
         # where rims nearly touch, the energy hardly depends on some slides
         is_slow, here, before = WORTHWHILE**2 * before < fall < EPS**0.5 * here.energy, there, fall
-        if is_minimum and (fall < negligible * here.energy or is_slow):
+        radii = here.form.circles.radii[1:]
+        is_done = is_minimum and (fall < negligible * here.energy or is_slow)
+        # the energy decreases slowly as a hole shrinks, as 1 / |log radius|
+        if is_done and radii.min() > SMALL:
             return here
-        if reach < SMALL:
+        if is_done or reach < SMALL:
             break
-    radii = here.form.circles.radii[1:]
     if (gradient[len(here.slides) + here.form.rims.corners :].reshape(-1, 3)[:, 2] > here.energy * radii).any():
         raise NoConnectedSurfaceError(COLLAPSED)
     if is_minimum and fall < COARSE * here.energy:  # the residual shows whether that is near enough
