@@ -198,9 +198,10 @@ def test_a_roof_keeps_its_corners():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("tolerance", "residual"), [(1e-3, 2e-5), (1e-6, 3e-6)])
+@pytest.mark.parametrize(("tolerance", "residual"), [(1e-3, 3.5e-6), (1e-6, 3e-6)])
 def test_lunes_with_narrow_gaps(tolerance, residual):
-    # the film leaves the corners outwards. The area is that of the harmonic surface
+    # The film leaves the corners outwards. The area is that of the harmonic surface. The residual was 4.6e-6 where p
+    # and q were fitted as closely near corners
     tips = np.array([[0.2, 0, 0.98], [0.2, 0, -0.98]])
     loops = []
     for k in range(3):
@@ -228,8 +229,8 @@ def test_tetrahedron_with_narrow_gaps():
         loops.append(BoundaryLoop.from_points(np.concatenate(list(sides)), corners=[0, 6, 12]))
     solution = solve_plateau(loops)
     assert solution.converged
-    # 1.7e-5 with powers and a row of poles towards each gap
-    assert solution.boundary_residual.rms_per_edge < 1.2e-5
+    # 1.7e-5 with powers and a row of poles towards each gap, and 8.6e-6 with p and q fitted as closely near corners
+    assert solution.boundary_residual.rms_per_edge < 8e-6
     # with 28 modes of a slide and 16 powers a side
     assert solution.area == pytest.approx(1.56022147, rel=2e-7)
 

@@ -29,6 +29,7 @@ from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.interpolation import ANALYTIC_DEGREE
 from spinor_geom.plateau.curve_tensors import CurveTensors
 from spinor_geom.plateau.harmonic.lifted_surface import TURN_OF_AN_EDGE
+from spinor_geom.plateau.harmonic.smooth_domain import COARSE
 from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.network.discretisation import interpolate_matching, projected
 from spinor_geom.plateau.network.network_problem import nearest_increasing, slide_bounds
@@ -42,7 +43,7 @@ from spinor_geom.surface.frames import signs_close_up, spinors_from_phi
 
 # Nodes of a panel. Towards corners panels are quartered, and integrals of p² are exact to 1e-11.
 _ORDER = 8
-_NULL = 0.3  # |φ·φ| / |φ|² below which the sign of p and q is clear
+_NULL = 0.3  # |φ·φ| / |φ|² up to which the sign of p and q is clear
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -175,8 +176,10 @@ class CorneredLift:
 
     @cached_property
     def _weighted(self) -> Complex[np.ndarray, "f n"]:
-        # errors of p and q move the boundary by their products with p and q
-        weights = norm(self._null_curve) * np.abs(self.steps)
+        # Errors of p and q move the boundary by their products with p and q. Near corners the energy hardly depends on
+        # the harmonic surface: φ is not null there, and would spoil p and q far from them.
+        reliable = 1 / (_defects(self._null_curve) + COARSE**0.75)
+        weights = norm(self._null_curve) * np.abs(self.steps) * reliable
         return np.asarray((self.at_nodes.conj() * weights[:, None]).T)
 
     @cached_property
@@ -317,13 +320,18 @@ class CorneredLift:
         return slide
 
 
+def _defects(curve: Complex[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
+    """|φ·φ| / |φ|²: 0 for a conformal surface."""
+    return np.asarray(np.abs((curve**2).sum(axis=1)) / square(norm(curve)))
+
+
 def continuous_spinors(curve: Complex[np.ndarray, "n 3"]) -> tuple[Complex[np.ndarray, "n 2"], bool]:
     """P and q of φ along a closed curve, and whether their signs return. φ may not be null near corners.
 
     Signs are continuous over the nodes where φ is nearly null. Others have the sign of the last of these.
     """
-    defect = np.abs((curve**2).sum(axis=1)) / square(norm(curve))
-    clear = np.flatnonzero(defect <= max(_NULL, float(np.median(defect))))
+    defects = _defects(curve)
+    clear = np.flatnonzero(defects <= max(_NULL, float(np.median(defects))))
     spinors = np.stack(spinors_from_phi(curve), axis=-1)
     continuous = np.stack(spinors_from_phi(curve[clear]), axis=-1)
     before = continuous[np.searchsorted(clear, np.arange(len(curve)), side="right") - 1]
