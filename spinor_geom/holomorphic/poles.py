@@ -62,7 +62,10 @@ def place_poles(domain: PlaneDomain, *, offset: float = 1.0, at_corner: int = _C
         reach = np.minimum(side, shifted(side, 1)) / 2
         distance = (reach[:, None] * np.exp(-_CORNER_DECAY * (root[-1] - root))).ravel()
         foot, direction = np.repeat(w[corners], at_corner), np.repeat(_outward(w)[corners], at_corner)
-        poles += _cleared(domain, foot, direction, distance)
+        # in a notch poles on the bisector are nearer to its sides than to the corner
+        step = (shifted(w, -1)[corners] - w[corners]) / _outward(w)[corners]
+        sine = np.where(step.real > 0, np.abs(step.imag) / np.abs(step), 1.0)
+        poles += _cleared(domain, foot, direction, distance, np.repeat(sine, at_corner))
     return poles
 
 
@@ -134,14 +137,20 @@ def refining_poles(domain: PlaneDomain, panels: Float[np.ndarray, "k 2"]) -> Pol
     return _cleared(domain, domain.point(t), -1j * tangent / np.abs(tangent), distance)
 
 
-def _cleared(domain: PlaneDomain, foot: Places, direction: Places, distance: Lengths) -> Poles:
-    """Poles at most `distance` from their feet on ∂Ω and clear of the rest of it. Those without room are dropped."""
+def _cleared(
+    domain: PlaneDomain, foot: Places, direction: Places, distance: Lengths, share: Lengths | float = 1.0
+) -> Poles:
+    """Poles at most `distance` from their feet on ∂Ω and clear of the rest of it. Those without room are dropped.
+
+    `share` is that of the distance within which ∂Ω is straight.
+    """
     distance = distance.copy()
     good = np.zeros(len(foot), dtype=bool)
+    free = np.broadcast_to(_FREE_SHARE * share, foot.shape)
     for _ in range(_HALVINGS + 1):
         open_ = np.flatnonzero(~good)
         position = foot[open_] + direction[open_] * distance[open_]
-        good[open_] = domain.distance_outside(position) >= _FREE_SHARE * distance[open_]
+        good[open_] = domain.distance_outside(position) >= free[open_] * distance[open_]
         if good.all():
             break
         distance[~good] /= 2

@@ -50,12 +50,15 @@ def test_scale_of_a_unit_is_about_its_poles_distance(domain):
     assert ratio.max() < 1.05
 
 
-def test_corner_poles_cluster_root_exponentially_on_the_outer_bisector():
-    square = plane(planar([(0, 0), (1, 0), (1, 1), (0, 1)], 16))
-    poles = place_poles(square)
-    corner = poles.positions[(poles.positions.real < 0) & (poles.positions.imag < 0)]
-    np.testing.assert_allclose(np.angle(-corner), np.pi / 4, atol=1e-9)
-    distance = np.sort(np.abs(corner))
+TIP = -np.array([np.cos(0.1), np.sin(0.1)]) * [[1, 1], [1, -1]]
+NOTCHED = [(0, 0), TIP[0], (-1, -1), (1, -1), (1, 1), (-1, 1), TIP[1]]
+CORNERS = {"square": ([(0, 0), (1, 0), (1, 1), (0, 1)], np.pi / 4), "notch": (NOTCHED, 0.0)}
+
+
+@pytest.mark.parametrize(("corners", "inward"), CORNERS.values(), ids=CORNERS.keys())
+def test_corner_poles_cluster_root_exponentially_on_the_outer_bisector(corners, inward):
+    outside = -place_poles(plane(planar(corners, 16))).positions * np.exp(-1j * inward)
+    distance = np.sort(outside.real[(np.abs(outside.imag) < 1e-9) & (outside.real > 0)])
     assert len(distance) == 16
     root = np.sqrt(np.arange(1, 17))
     slope, residual, *_ = np.polyfit(root, np.log(distance), 1, full=True)

@@ -16,13 +16,12 @@ from typing import TypeAlias
 import numpy as np
 from jaxtyping import Bool, Complex, Float
 
-from spinor_geom.arrays import EPS, Array, modulo_one
+from spinor_geom.arrays import Array, modulo_one
 from spinor_geom.deadline import require_time
 from spinor_geom.discrete.area_descent import Disk
 from spinor_geom.discrete.minimal_surface import finer_disk, first_disk
 from spinor_geom.discrete.strip import discrete_annulus, runs_backward
 from spinor_geom.domain.flattening import flatten
-from spinor_geom.domain.opening import Opening
 from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary, sampled
 from spinor_geom.errors import DomainError, OutOfTimeError, SingularMatrixError
 from spinor_geom.holomorphic.poles import CORNER_TOLERANCES, corner_poles
@@ -33,6 +32,7 @@ from spinor_geom.plateau.initial_spinors import lifted_spinors
 from spinor_geom.plateau.network.discretisation import Discretisation, independent_residual
 from spinor_geom.plateau.network.fitted import Fitted, fitted_surface
 from spinor_geom.plateau.network.gauss_newton import Fit, gauss_newton
+from spinor_geom.plateau.network.opened import opened
 from spinor_geom.plateau.problem import PlateauProblem, Route, start_indices
 from spinor_geom.plateau.roughness import is_rough, roughness
 from spinor_geom.plateau.route_result import RimsResult, RouteResult
@@ -60,14 +60,6 @@ class _Side:
     curve: BoundaryCurve
     knots: Float[np.ndarray, " k1"]  # parameters of Γ at the boundary vertices of the discrete surface, closed
     corners: Bool[np.ndarray, " k"]  # which of those vertices are corners of Ω
-
-    @property
-    def angles(self) -> Float[np.ndarray, " c"]:
-        """Angles between Γ and its continuation back at the corners, at most π."""
-        at = self.knots[:-1][self.corners]
-        before, after = (self.curve.derivative(at + side) for side in (-(EPS**0.5), EPS**0.5))
-        sine, cosine = np.linalg.norm(np.cross(before, after), axis=1), (before * after).sum(axis=1)
-        return np.asarray(np.pi - np.arctan2(sine, cosine))
 
     @classmethod
     def of(cls, number: int, loop: BoundaryLoop, curve: BoundaryCurve, *, backward: bool, is_kept: bool) -> _Side:
@@ -138,8 +130,6 @@ class NetworkSolver:
         # a finer disk has moduli nearer to the right ones: eight corners of a prism are met only from it
         if may_improve and self._is_missed(fitted) and fitted.stage.has_moduli:
             fitted = self._improved(fitted, self._start)
-        if self.problem.is_disk and self._is_missed(fitted):
-            fitted = self._opened(fitted, self._start)
         rims_result = None
         if not self.problem.is_disk:
             rims_result = RimsResult(
@@ -211,20 +201,8 @@ class NetworkSolver:
         except (DomainError, SingularMatrixError, OutOfTimeError):
             return fitted
 
-    def _opened(self, fitted: Fitted, disk: Disk) -> Fitted:
-        """The better of a fit and a fit over Ω with opened corners, or the first one if the second fails."""
-        try:
-            return min(fitted, self._fitted_from(disk, opened=True), key=lambda one: self.problem.excess(one.misfit))
-        except (DomainError, SingularMatrixError, OutOfTimeError):
-            return fitted
-
-    def _fitted_from(self, start: Disk, *, opened: bool = False) -> Fitted:
-        """The fit from a discrete surface: its flattening gives Ω, its frames give p and q.
-
-        Args:
-            start: the surface.
-            opened: whether reentrant corners of Ω are opened. Raises a DomainError if there are none.
-        """
+    def _fitted_from(self, start: Disk) -> Fitted:
+        """The fit from a discrete surface: its flattening gives Ω, its frames give p and q."""
         sides, place = self._sides, self.problem.options.place
 
         def boundaries(rims: tuple[Complex[np.ndarray, "_"], ...]) -> list[SplineBoundary]:
@@ -238,11 +216,7 @@ class NetworkSolver:
                 holes=self._sizes[1:],
                 drawn=lambda rims: tuple(map(sampled, boundaries(rims))),
             )
-            given = boundaries(flat.rims)
-            opening = Opening.of(given[0], sides[0].angles) if opened else None
-            if opened and opening is None:
-                raise DomainError("the plane domain has no reentrant corners that can be opened")
-            outer, *holes = given if opening is None else [opening.boundary]
+            outer, *holes = given = boundaries(flat.rims)
             domain = PlaneDomain.inside(outer, flat.log_scale, holes=tuple(holes))
         with self.problem.clock.stage("features"):
             lifted = partial(lifted_spinors, start.vertices, start.faces, flat.images, self._sizes, place)
@@ -261,8 +235,6 @@ class NetworkSolver:
                 branches=branches,
             )
             factor, own = stage.network.sign_changing(place.put(stage.panels.z)), stage.panels.own_parameters
-            if opening is not None:
-                factor, own = place.put(opening.factor(own[0])), (opening.given_parameters(own[0]),)
             edges, slides = [], []
             for first, t, boundary, side in zip(ends, own, given, sides, strict=False):
                 share = modulo_one(t)
@@ -281,10 +253,29 @@ class NetworkSolver:
         slide: Float[Array, " nodes"],
         begin: _Begin,
     ) -> Fitted:
-        """The best of several rounds of Gauss-Newton, each with more poles where the last residual was large."""
+        """The best of several rounds of Gauss-Newton, on Ω changed at its corners if the tolerance is missed."""
         best = begin(stage, readout, slide)
-        if stage.domain.corners.any() and self.problem.is_disk and not self._is_rough:
-            best = self._rescaled(best, begin)
+        may_change = stage.domain.corners.any() and self.problem.is_disk and not self._is_rough
+        if may_change:
+            best = self._rescaled(self._opened(best, begin), begin)
+        best = self._with_more_poles(best)
+        if may_change:
+            again = self._opened(best, begin)
+            best = best if again is best else self._with_more_poles(again)
+        return best
+
+    def _opened(self, fitted: Fitted, begin: _Begin) -> Fitted:
+        """The better of a fit that misses the tolerance and of one on Ω with spikes at its corners."""
+        if not self._is_missed(fitted):
+            return fitted
+        try:
+            again = begin(*opened(fitted.stage, fitted.fit, offset=self.problem.options.cauchy.pole_offset))
+        except (DomainError, SingularMatrixError, OutOfTimeError):
+            return fitted
+        return min(fitted, again, key=lambda one: self.problem.excess(one.misfit))
+
+    def _with_more_poles(self, best: Fitted) -> Fitted:
+        """The best of several rounds of Gauss-Newton, each with more poles where the last residual was large."""
         while self._is_missed(best) and not self._is_lost(best):
             finer = best.stage.refined(best.energy, best.misfit.rms / self.problem.excess(best.misfit))
             if finer is None:
