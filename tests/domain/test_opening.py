@@ -31,8 +31,8 @@ def test_the_reentrant_corner_of_an_l_gets_the_wanted_angle_and_others_keep_thei
     opening = Opening.of(outline(L, 64), RIGHT, length * REENTRANT)
     # chords of 1/64 of a side turn by about a hundredth
     assert np.abs(angles(opening.boundary) - RIGHT).max() < 0.02
-    steps = np.abs(np.diff(opening.boundary.vertices))
-    assert (steps[1:] / steps[:-1]).max() < 2.1  # steps of the logarithm of the distance are 0.5, more at the corner
+    growth = np.diff(np.log(np.abs(np.diff(opening.boundary.vertices))))
+    assert growth.max() < 0.75  # steps of the logarithm of the distance are 0.5, more at the corner
 
 
 def test_phi_dz_is_kept() -> None:
@@ -49,7 +49,7 @@ def test_phi_dz_is_kept() -> None:
 
 def test_a_spike_is_thinner_than_numbers_near_its_corner() -> None:
     """In the given domain its points are at distances of 1e-100 and below."""
-    opening = Opening.of(outline(L, 64), np.where(REENTRANT, 0.02, RIGHT), 0.01 * REENTRANT)
+    opening = Opening.of(outline(L, 64), np.full(6, 0.02), 0.01 * REENTRANT)
     assert angles(opening.boundary)[3] == pytest.approx(0.02, rel=1e-6)
     assert np.abs(np.diff(opening.boundary.vertices)).min() > 1e-4
 
@@ -58,5 +58,5 @@ def test_domains_are_not_opened_without_corners_to_open_or_room() -> None:
     assert Opening.of(outline(L), RIGHT, np.zeros(6)) is None
     turn = np.linspace(-1.5, 1.5, 65) * np.pi
     spiral = (1 + turn / 10) * np.exp(1j * turn)  # the corner at its inner end is surrounded
-    around, chosen = outline(np.concatenate([1.05 * spiral, 0.95 * spiral[::-1]]), 1), np.arange(130) == 0
-    assert Opening.of(around, np.full(130, 0.5), 0.01 * chosen) is None
+    around = outline(np.concatenate([1.05 * spiral, 0.95 * spiral[::-1]]), 1)
+    assert Opening.of(around, np.full(130, 0.5), 0.01 * np.eye(130)[0]) is None

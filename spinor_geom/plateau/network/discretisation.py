@@ -46,6 +46,7 @@ from spinor_geom.plateau.network.network_problem import NetworkProblem, path_acr
 # Largest number of features, with four real unknowns each. With 300 a step takes a quarter of a second. The time grows
 # with the cube.
 _MAX_FEATURES = 420
+_UNREAL = 0.01  # squared sine of a field that may not change a modulus. Others of twelve frames are at 0.1 and above
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -347,11 +348,12 @@ class ModulusFields:
 
     @classmethod
     def of_corners(cls, domain: PlaneDomain, panels: Panels, features: Complex[np.ndarray, "all n"]) -> ModulusFields:
-        """A field for each modulus of a domain with corners: n − 3 for n corners, or n around a hole.
+        """A field for each modulus of a domain with corners, n − 3 for n corners or n around a hole, and a few more.
 
         The moves of least strain that change the moduli have g' a quadratic differential of Ω: holomorphic, with g'dz²
         real along ∂Ω. The fields are the combinations of features, vanishing at the corners, that are nearest to this.
-        A strip is stretched along its length.
+        A strip is stretched along its length. So is a finger without corners, which changes no modulus, but may be
+        nearer to this: all combinations that are as near are taken.
 
         Source: Ahlfors, "Lectures on quasiconformal mappings" (1966), chapter VI, for the pairing.
         """
@@ -368,6 +370,7 @@ class ModulusFields:
             # g must be single-valued around the hole
             slopes = slopes @ scipy.linalg.null_space(((panels.dz * panels.weights)[:outer] @ slopes[:outer])[None])
         g_slopes = slopes @ _nearest_to_real(slopes[:nodes], panels, count)
+        count = g_slopes.shape[1]
         by_panel = (g_slopes[:nodes] * panels.dz[:, None]).reshape(-1, panels.order, count)
         totals = (panels.weights.reshape(-1, panels.order, 1) * by_panel).sum(axis=1)
         start = np.cumsum(totals, axis=0) - totals
@@ -410,8 +413,11 @@ class ModulusFields:
         return PlaneDomain.inside(boundary, domain.log_scale, holes=tuple(holes))
 
 
-def _nearest_to_real(f: Complex[np.ndarray, "nodes n"], panels: Panels, count: int) -> Complex[np.ndarray, "n {count}"]:
-    """Coefficients of the combinations of functions f with the least ratio of ∮|Im f dz²/|dz|²|² |dz| to ∮|f|² |dz|."""
+def _nearest_to_real(f: Complex[np.ndarray, "nodes n"], panels: Panels, count: int) -> Complex[np.ndarray, "n k"]:
+    """Coefficients of the combinations of functions f with the least ratio of ∮|Im f dz²/|dz|²|² |dz| to ∮|f|² |dz|.
+
+    There are `count`, or more if their ratios are below `_UNREAL`.
+    """
     root = np.sqrt(panels.arc_weights)[:, None]
     along = root * (panels.dz / np.abs(panels.dz))[:, None] ** 2 * f
     imaginary = np.concatenate([along.imag, along.real], axis=1)
@@ -419,6 +425,6 @@ def _nearest_to_real(f: Complex[np.ndarray, "nodes n"], panels: Panels, count: i
     unreal = imaginary.T @ imaginary
     whole = unreal + real.T @ real
     whole[np.diag_indices_from(whole)] *= 1 + 1e-10  # the functions are nearly dependent
-    _, best = scipy.linalg.eigh(unreal, whole, subset_by_index=[0, count - 1])
-    n = f.shape[1]
-    return np.asarray(best[:n] + 1j * best[n:])
+    ratios, best = scipy.linalg.eigh(unreal, whole, subset_by_index=[0, 2 * count - 1])
+    n, chosen = f.shape[1], max(count, int(np.count_nonzero(ratios < _UNREAL)))
+    return np.asarray(best[:n, :chosen] + 1j * best[n:, :chosen])

@@ -16,7 +16,7 @@ from typing import TypeAlias
 import numpy as np
 from jaxtyping import Bool, Complex, Float
 
-from spinor_geom.arrays import Array, modulo_one
+from spinor_geom.arrays import Array, modulo_one, unit
 from spinor_geom.deadline import require_time
 from spinor_geom.discrete.area_descent import Disk
 from spinor_geom.discrete.minimal_surface import finer_disk, first_disk
@@ -45,6 +45,9 @@ from spinor_geom.surface.frames import signs_close_up
 # three frames with a straight and a curved side the residuals were 1e-4, 9e-6 and 1e-6 of the diagonal in 1 to 6 s, and
 # are 3e-7, 1e-6 and 8e-7 in 0.3 to 3 s. Coarse polygons take twice the time if all their edges are a 64th.
 _LONGEST_EDGE = 1 / 96, 1 / 32
+# An edge along which Γ turns by more, in radians, is divided too: the residual at peaks and arcs of a few edges is a
+# tenth then. Directions are compared at shares of an edge.
+_MOST_TURN, _INSIDE = 0.25, np.linspace(0.01, 0.99, 8)
 # Distance from Γ, in edges, above which a first fit is not refined, if it had all features: with fewer it is larger by
 # the fourth power of their ratio. Of 138 narrow bands and sheets and 100 random loops none beyond it came to 1e-3.
 _LOST = 1e-3
@@ -63,15 +66,20 @@ class _Side:
 
     @classmethod
     def of(cls, number: int, loop: BoundaryLoop, curve: BoundaryCurve, *, backward: bool, is_kept: bool) -> _Side:
-        """The loop with its `start_indices`, and unless it is kept with more points on its longest edges."""
+        """The loop with its `start_indices`, and unless it is kept with more points on long and curved edges."""
         if backward:
             loop, curve = loop.reversed(), curve.reversed()
         indices = start_indices(loop)
         lengths = np.add.reduceat(loop.edge_lengths, indices)
-        longest = np.inf if is_kept else loop.perimeter * np.clip(np.median(lengths) / loop.perimeter, *_LONGEST_EDGE)
-        parts = np.rint(np.maximum(1, lengths / longest)).astype(np.int64)
-        *first, count = np.cumsum([0, *parts]).tolist()
         ends = np.append(curve.breaks[indices], curve.breaks[indices[0]] + 1)
+        parts = np.ones(len(lengths))
+        if not is_kept:
+            longest = loop.perimeter * np.clip(np.median(lengths) / loop.perimeter, *_LONGEST_EDGE)
+            tangents = unit(curve.derivative((ends[:-1, None] + np.diff(ends)[:, None] * _INSIDE) % 1.0))
+            turns = np.linalg.norm(np.diff(tangents, axis=1), axis=2).sum(axis=1)
+            parts = np.maximum(parts, np.maximum(lengths / longest, turns / _MOST_TURN))
+        parts = np.rint(parts).astype(np.int64)
+        *first, count = np.cumsum([0, *parts]).tolist()
         knots = np.interp(np.arange(count + 1), [*first, count], ends)
         corners = np.zeros(count, dtype=bool)
         corners[first] = loop.corners[indices]
