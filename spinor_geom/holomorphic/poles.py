@@ -21,7 +21,7 @@ _EDGE_OFFSETS, _EDGE_CLEARANCE = (0.5, 0.7, 1.0, 1.4), 0.35
 _BENT = np.radians(45.0)  # turning angle from which a vertex gets its own pole
 _ROWS = 512  # rows of a table of distances
 # Numbers of poles at a corner for two tolerances, distances from Γ in mean edges.
-_CORNER_POLES, CORNER_TOLERANCES = (9, 16), (1e-3, 1e-4)
+_CORNER_POLES, _CORNER_TOLERANCES = (9, 16), (1e-3, 1e-4)
 # σ in the distances L·exp(−σ(√n − √k)) to a corner, for root-exponential convergence at corner singularities
 _CORNER_DECAY = 4.0
 
@@ -43,7 +43,7 @@ class Poles:
 
 def corner_poles(tolerance: float) -> int:
     """Number of poles in a corner's cluster for a tolerance, the distance from Γ in mean edges."""
-    return int(np.interp(-np.log10(tolerance), -np.log10(CORNER_TOLERANCES), _CORNER_POLES))
+    return int(np.interp(-np.log10(tolerance), -np.log10(_CORNER_TOLERANCES), _CORNER_POLES))
 
 
 def place_poles(domain: PlaneDomain, *, offset: float = 1.0, at_corner: int = _CORNER_POLES[-1]) -> Poles:

@@ -24,7 +24,7 @@ from spinor_geom.discrete.strip import discrete_annulus, runs_backward
 from spinor_geom.domain.flattening import flatten
 from spinor_geom.domain.plane_domain import PlaneDomain, SplineBoundary, sampled
 from spinor_geom.errors import DomainError, OutOfTimeError, SingularMatrixError
-from spinor_geom.holomorphic.poles import CORNER_TOLERANCES, corner_poles
+from spinor_geom.holomorphic.poles import corner_poles
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.plateau.curve_tensors import CurveTensors
@@ -91,6 +91,7 @@ class NetworkSolver:
     """Fits a Cauchy network to one loop or two."""
 
     problem: PlateauProblem
+    power: float = 1.0  # see `gauss_newton`
 
     @cached_property
     def _sides(self) -> tuple[_Side, ...]:
@@ -367,10 +368,7 @@ class NetworkSolver:
 
     @property
     def _minimised(self) -> Callable[..., Fit]:
-        is_fine = self.problem.options.tolerance < CORNER_TOLERANCES[-1]
-        return partial(
-            gauss_newton, allowed=self.problem.allowed, steps=self.problem.steps, power=0.5 if is_fine else 1.0
-        )
+        return partial(gauss_newton, allowed=self.problem.allowed, steps=self.problem.steps, power=self.power)
 
     def _measured(self, stage: Discretisation, fit: Fit) -> Fitted:
         misfit, energy = independent_residual(stage, fit, points=sum(map(len, self.problem.units)))
@@ -408,7 +406,8 @@ _Begin: TypeAlias = Callable[[Discretisation, Complex[Array, "n 2"], Float[Array
 
 
 def _resume(before: Fitted, problem: PlateauProblem) -> RouteResult:
-    return NetworkSolver(problem=problem).solve(before)
+    # largest distances count where a solve is continued, as for CAD
+    return NetworkSolver(problem=problem, power=0.5).solve(before)
 
 
 NETWORK = Route("network", lambda problem: NetworkSolver(problem=problem).solve())
