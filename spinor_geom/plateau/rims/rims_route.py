@@ -49,8 +49,7 @@ _SETTLED = 1e-3
 # Width of the smoothing of noisy curves, as a share of the loop. With half of it solves take half as many steps more.
 # With twice as much rims of squares are rounded, and areas differ by 2 %.
 _AVERAGE = 0.03
-# The same for three rims and more, in edges: wider averages lack the corners between the gaps of chunks. With 2 instead
-# of 1.5, 9 instead of 11 of 13 spheres cut into chunks along triangles are bridged.
+# The same for three rims and more, in edges: wider averages lack the corners between the gaps of chunks.
 _EDGES = 1.5
 _WITHOUT_MINIMUM = "the energy of surfaces between the rims decreases as the modulus increases, without a minimum"
 
