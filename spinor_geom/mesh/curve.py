@@ -28,7 +28,6 @@ from spinor_geom.mesh.interpolation import (
     smooth_curves,
     through,
 )
-from spinor_geom.mesh.operators import nearest_on_mesh
 
 LENGTH_NODES = 16
 SAMPLES_PER_PIECE = 8
@@ -344,6 +343,8 @@ class BoundaryCurve:
         and on its neighbours. If two parts of Γ are equally near, up to their distance from the chords, one of them is
         returned.
         """
+        from spinor_geom.mesh.operators import nearest_on_mesh  # imports igl
+
         fractions = np.arange(SAMPLES_PER_PIECE) / SAMPLES_PER_PIECE
         parameters = (self.breaks[:-1, None] + np.diff(self.breaks)[:, None] * fractions).reshape(-1)
         own = np.arange(len(parameters))

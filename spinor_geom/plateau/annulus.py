@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
+from spinor_geom.deadline import time_limit
+from spinor_geom.errors import OutOfTimeError
 from spinor_geom.plateau.steps import Clock
 from spinor_geom.plateau.threads import one_thread
 
@@ -34,11 +38,13 @@ class RimDisks:
     Attributes:
         count: number of the rims.
         surface_over: returns the surface of least area over the rims of given numbers, or None if there is none.
+        seconds: time limit of the disks, and of the other surfaces. What it interrupts counts as not found.
         clock: time of the stage "disks".
     """
 
     count: int
     surface_over: Callable[[tuple[int, ...]], PlateauSolution | None]
+    seconds: float = math.inf
     clock: Clock = field(default_factory=Clock)
 
     def __repr__(self) -> str:
@@ -51,9 +57,17 @@ class RimDisks:
     @cached_property
     def all(self) -> tuple[PlateauSolution, ...] | None:
         """A disk over each rim, in the given order, or None if one was not found."""
-        with one_thread(), self.clock.stage("disks"):
-            disks = [disk for k in range(self.count) if (disk := self.surface_over((k,))) is not None]
+        disks = list(self._found([(number,) for number in range(self.count)]).values())
         return tuple(disks) if len(disks) == self.count else None
+
+    def _found(self, groups: Iterable[tuple[int, ...]]) -> dict[tuple[int, ...], PlateauSolution]:
+        """The surfaces over groups of rims that have one, or those found within the time limit."""
+        found: dict[tuple[int, ...], PlateauSolution] = {}
+        with one_thread(), self.clock.stage("disks"), suppress(OutOfTimeError), time_limit(self.seconds):
+            for group in groups:
+                if (surface := self.surface_over(group)) is not None:
+                    found[group] = surface
+        return found
 
     @cached_property
     def partitions(self) -> dict[Partition, float]:
@@ -67,9 +81,7 @@ class RimDisks:
         areas: dict[tuple[int, ...], float] = {(number,): disk.area for number, disk in enumerate(self.all)}
         partitions = _partitions(len(areas))
         groups = {group for partition in partitions for group in partition if len(group) > 1}
-        with one_thread(), self.clock.stage("disks"):
-            joined = {group: self.surface_over(group) for group in sorted(groups)}
-        areas.update({group: surface.area for group, surface in joined.items() if surface is not None})
+        areas.update({group: surface.area for group, surface in self._found(sorted(groups)).items()})
         return {
             partition: sum(areas[group] for group in partition)
             for partition in partitions

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from spinor_geom.arrays import shifted
-from spinor_geom.deadline import is_out_of_time, require_time
+from spinor_geom.deadline import is_out_of_time, require_time, seconds_left
 from spinor_geom.discrete.area_descent import Disk
 from spinor_geom.errors import DomainError, FirstFillError, OutOfTimeError, SpinorGeomError, SurfaceError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop
@@ -254,7 +254,9 @@ def _rim_disks(problem: PlateauProblem) -> RimDisks:
     """The minimal surfaces over each loop and over subsets of the loops, with the given model or "auto"."""
     options = problem.options if problem.options.laurent is None else replace(problem.options, model="auto")
     return RimDisks(
-        count=len(problem.loops), surface_over=partial(_surface_over, problem.loops, problem.curves, options)
+        count=len(problem.loops),
+        surface_over=partial(_surface_over, problem.loops, problem.curves, options),
+        seconds=seconds_left(),
     )
 
 

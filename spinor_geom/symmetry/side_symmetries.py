@@ -20,7 +20,7 @@ from spinor_geom.surface.array_surface import ArraySurface
 _SAMPLES = 65  # of a side
 # Largest deviations: the distance of a side from its line or plane, in diagonals. The angle between the normal of the
 # surface and the plane of a side. π over the angle of a corner from an integer, relative to this integer.
-_AWAY, _ASKEW, _INTEGER = 1e-7, 1e-3, 1e-4
+_AWAY, _ASKEW, _INTEGER = 1e-7, 1e-3, 1e-3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float
 
 from spinor_geom.arrays import Array, modulo_one, unit
-from spinor_geom.deadline import require_time
+from spinor_geom.deadline import is_out_of_time, require_time
 from spinor_geom.discrete.area_descent import Disk
 from spinor_geom.discrete.minimal_surface import finer_disk, first_disk
 from spinor_geom.discrete.strip import discrete_annulus, runs_backward
@@ -406,8 +406,12 @@ _Begin: TypeAlias = Callable[[Discretisation, Complex[Array, "n 2"], Float[Array
 
 
 def _resume(before: Fitted, problem: PlateauProblem) -> RouteResult:
-    # largest distances count where a solve is continued, as for CAD
-    return NetworkSolver(problem=problem, power=0.5).solve(before)
+    # largest distances count where a solve is continued, as for CAD. Few frames converge only by arc length
+    found = NetworkSolver(problem=problem, power=0.5).solve(before)
+    if problem.excess(found.misfit) <= 1 or found.misfit.rms < before.misfit.rms / 2 or is_out_of_time():
+        return found
+    other = NetworkSolver(problem=problem).solve(before)
+    return other if other.misfit.rms < found.misfit.rms else found
 
 
 NETWORK = Route("network", lambda problem: NetworkSolver(problem=problem).solve())
