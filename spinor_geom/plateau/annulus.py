@@ -38,7 +38,7 @@ class RimDisks:
     Attributes:
         count: number of the rims.
         surface_over: returns the surface of least area over the rims of given numbers, or None if there is none.
-        seconds: time limit of the disks, and of the other surfaces. What it interrupts counts as not found.
+        seconds: time limit of all disks, and of all other surfaces. If it ends them, they count as not found.
         clock: time of the stage "disks".
     """
 
@@ -57,17 +57,14 @@ class RimDisks:
     @cached_property
     def all(self) -> tuple[PlateauSolution, ...] | None:
         """A disk over each rim, in the given order, or None if one was not found."""
-        disks = list(self._found([(number,) for number in range(self.count)]).values())
-        return tuple(disks) if len(disks) == self.count else None
+        found = self._found([(number,) for number in range(self.count)])
+        return None if found is None or len(found) < self.count else tuple(found.values())
 
-    def _found(self, groups: Iterable[tuple[int, ...]]) -> dict[tuple[int, ...], PlateauSolution]:
-        """The surfaces over groups of rims that have one, or those found within the time limit."""
-        found: dict[tuple[int, ...], PlateauSolution] = {}
+    def _found(self, groups: Iterable[tuple[int, ...]]) -> dict[tuple[int, ...], PlateauSolution] | None:
+        """The surfaces over groups of rims that have one, or None if time ran out."""
         with one_thread(), self.clock.stage("disks"), suppress(OutOfTimeError), time_limit(self.seconds):
-            for group in groups:
-                if (surface := self.surface_over(group)) is not None:
-                    found[group] = surface
-        return found
+            return {group: surface for group in groups if (surface := self.surface_over(group)) is not None}
+        return None
 
     @cached_property
     def partitions(self) -> dict[Partition, float]:
@@ -81,7 +78,10 @@ class RimDisks:
         areas: dict[tuple[int, ...], float] = {(number,): disk.area for number, disk in enumerate(self.all)}
         partitions = _partitions(len(areas))
         groups = {group for partition in partitions for group in partition if len(group) > 1}
-        areas.update({group: surface.area for group, surface in self._found(sorted(groups)).items()})
+        joined = self._found(sorted(groups))
+        if joined is None:
+            return {}
+        areas.update({group: surface.area for group, surface in joined.items()})
         return {
             partition: sum(areas[group] for group in partition)
             for partition in partitions

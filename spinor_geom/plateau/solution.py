@@ -191,7 +191,7 @@ class PlateauSolution(Shown):
         """Whether the surface is stable and, over several rims, meets Douglas's condition.
 
         The condition is that its area is below all `Annulus.partition_areas`. It counts as not met if a disk was not
-        found within the time that the solve left.
+        found, or if the time that the solve left is too short for the comparison.
         """
         if self.stability.verdict != "stable":
             return False

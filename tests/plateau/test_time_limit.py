@@ -15,6 +15,7 @@ from spinor_geom import BoundaryLoop, deadline, gallery, solve_plateau, solve_pl
 from spinor_geom.errors import OutOfTimeError
 from spinor_geom.gradients.minimal_surface import minimal_surface
 from spinor_geom.meshing.embed import mesh_patch
+from spinor_geom.plateau.annulus import RimDisks
 from spinor_geom.plateau.solution import NoConnectedSurface, PlateauSolution
 from tests.fill.shapes import circle
 
@@ -156,3 +157,17 @@ def test_patches_for_cad_and_differentiable_meshes_have_a_limit() -> None:
     for function in (minimal_area, minimal_surface):
         with pytest.raises(OutOfTimeError):
             function(points, time_limit=1e-9)
+
+
+@pytest.mark.parametrize("joined", [1, 2])
+def test_surfaces_over_fewer_rims_are_computed_within_the_time_limit(joined: int) -> None:
+    disk = solve_plateau(BoundaryLoop.from_points(circle(16, 1.0, 0.0)))
+
+    def over(numbers: tuple[int, ...]) -> PlateauSolution:
+        if len(numbers) == joined:
+            deadline.require_time()
+        return disk
+
+    compared = RimDisks(count=3, surface_over=over, seconds=0.0)
+    assert (compared.all is None) == (joined == 1)
+    assert compared.partitions == {}
