@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
-from spinor_geom.deadline import time_limit
+from spinor_geom.deadline import require_time, time_limit
 from spinor_geom.errors import OutOfTimeError
 from spinor_geom.plateau.steps import Clock
 from spinor_geom.plateau.threads import one_thread
@@ -62,8 +61,12 @@ class RimDisks:
 
     def _found(self, groups: Iterable[tuple[int, ...]]) -> dict[tuple[int, ...], PlateauSolution] | None:
         """The surfaces over groups of rims that have one, or None if time ran out."""
-        with one_thread(), self.clock.stage("disks"), suppress(OutOfTimeError), time_limit(self.seconds):
-            return {group: surface for group in groups if (surface := self.surface_over(group)) is not None}
+        with one_thread(), self.clock.stage("disks"):
+            try:
+                with time_limit(self.seconds):
+                    return {group: surface for group in groups if (surface := self.surface_over(group)) is not None}
+            except OutOfTimeError:
+                require_time()  # the caller's own limit raises
         return None
 
     @cached_property

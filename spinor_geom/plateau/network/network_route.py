@@ -135,6 +135,10 @@ class NetworkSolver:
         """The minimal surface fitted from an earlier fit, the problem's start, or a first discrete surface."""
         fitted = self._fitted_from(self._start) if before is None else self._resumed(before)
         gains = before is not None and fitted.misfit.rms < before.misfit.rms / 2
+        if before is not None and not gains and self._is_missed(fitted) and not is_out_of_time():
+            # few frames converge only by arc length
+            fitted = min(fitted, replace(self, power=1.0)._resumed(before), key=lambda one: one.misfit.rms)
+            gains = fitted.misfit.rms < before.misfit.rms / 2
         may_improve = self.problem.is_disk and not gains and not self._is_rough
         # a finer disk has moduli nearer to the right ones: eight corners of a prism are met only from it
         if may_improve and self._is_missed(fitted) and fitted.stage.has_moduli:
@@ -406,12 +410,8 @@ _Begin: TypeAlias = Callable[[Discretisation, Complex[Array, "n 2"], Float[Array
 
 
 def _resume(before: Fitted, problem: PlateauProblem) -> RouteResult:
-    # largest distances count where a solve is continued, as for CAD. Few frames converge only by arc length
-    found = NetworkSolver(problem=problem, power=0.5).solve(before)
-    if problem.excess(found.misfit) <= 1 or found.misfit.rms < before.misfit.rms / 2 or is_out_of_time():
-        return found
-    other = NetworkSolver(problem=problem).solve(before)
-    return other if other.misfit.rms < found.misfit.rms else found
+    # largest distances count where a solve is continued, as for CAD
+    return NetworkSolver(problem=problem, power=0.5).solve(before)
 
 
 NETWORK = Route("network", lambda problem: NetworkSolver(problem=problem).solve())

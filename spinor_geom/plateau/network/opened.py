@@ -100,6 +100,7 @@ def _tips(stage: Discretisation, fit: Fit) -> list[_Tip]:
     sines = np.linalg.norm(normals, axis=1)
     angles = 1 - np.arctan2(sines, (arriving * leaving).sum(axis=1)) / np.pi
     ends = boundary.parameters[:-1][boundary.corners]
+    corners = boundary.point(ends)
     before, after = (boundary.derivative((ends + side) % 1.0) for side in (-_ASIDE, _ASIDE))
     own, lengths = 1 - np.angle(after / before) / np.pi, np.diff(np.append(ends, ends[0] + 1))
     spinors = to_numpy(stage.problem.features[: stage.problem.nodes] @ fit.readout)
@@ -109,7 +110,7 @@ def _tips(stage: Discretisation, fit: Fit) -> list[_Tip]:
         frame /= max(np.linalg.norm(frame[0]), EPS)
         p, q = np.abs(spinors @ frame.conj().T).T
         away = (stage.panels.t - ends[number] + 0.5) % 1.0 - 0.5
-        distance, nodes = np.abs(stage.panels.z - boundary.point(ends[number])), []
+        distance, nodes = np.abs(stage.panels.z - corners[number]), []
         for side, length in ((-1, lengths[number - 1]), (1, lengths[number])):
             along = np.flatnonzero((side * away > 0) & (side * away < length / 2))
             along = along[np.argsort(distance[along])]
