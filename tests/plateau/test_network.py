@@ -90,6 +90,6 @@ def test_first_fit_stands_where_no_finer_disk_can_be_made(monkeypatch, error):
 def test_reentrant_corners_meet_small_tolerances():
     curve = gallery.l_shape(rise=0.5)
     solution = solve_plateau(curve, tolerance=1e-6)
-    assert solution.converged
+    assert solution.boundary_residual.rms_per_edge < 3e-6
     # 7e-6 without the opening of the corner, at which p and q are singular
-    assert solution.boundary_residual.max < 2e-6 * solution.loop.diagonal
+    assert solution.boundary_residual.max < 1e-6 * solution.loop.diagonal
