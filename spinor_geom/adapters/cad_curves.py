@@ -19,7 +19,7 @@ from spinor_geom.arrays import modulo_one
 from spinor_geom.errors import BranchingEdgesError, CurveError, NoEdgesError, OpenWireError
 from spinor_geom.mesh.boundary_loop import diagonals
 from spinor_geom.mesh.curve import MAX_NEWTON_STEPS, NEWTON_STEP_TOLERANCE, SMOOTH_TURN, ClosedCurve
-from spinor_geom.mesh.interpolation import piece_places, through
+from spinor_geom.mesh.piece_polynomials import piece_places, through
 from spinor_geom.mesh.rational_splines import NurbsCurve, homogeneous
 from spinor_geom.mesh.topology import linked
 

@@ -21,7 +21,6 @@ from spinor_geom.arrays import EPS
 from spinor_geom.domain.plane_domain import SplineBoundary, sampled
 from spinor_geom.domain.polygons import bound_domain
 
-_ASIDE = 1e-9  # distance of one-sided derivatives from a corner
 _SHARE = np.linspace(0, 1, 129) ** 4  # points per side, dense at its ends
 _DENSE = _SHARE / (_SHARE + _SHARE[::-1])
 _SHORTEST = EPS**0.5  # shortest piece of the image per its length. Parts of shorter ones may have no length
@@ -94,8 +93,7 @@ class Opening:
         """
         corners, m = np.flatnonzero(given.corners), len(given.corners)
         ends = given.parameters[corners]
-        before, after = (given.derivative(ends + side) for side in (-_ASIDE, _ASIDE))
-        own = np.pi - np.angle(after / before)
+        own = given.corner_angles
         t = ends[:, None] + np.diff(np.append(ends, ends[:1] + 1))[:, None] * _DENSE
         image, slope, spikes, reaches = given.point(t), np.ones(t.shape), list[_Spike](), []
         number = np.interp(t, np.append(given.parameters, given.parameters[1:] + 1), np.arange(2 * m + 1))

@@ -20,7 +20,8 @@ from spinor_geom.domain.delaunay import Rims, plane_coordinates, rim_edges
 from spinor_geom.domain.triangulation import PlaneTriangulation, triangulate_polygon
 from spinor_geom.errors import DtypeError, OptionError
 from spinor_geom.mesh.array_checks import shared
-from spinor_geom.mesh.interpolation import piecewise_cubic, reversed_pieces
+from spinor_geom.mesh.interpolation import piecewise_cubic
+from spinor_geom.mesh.piece_polynomials import reversed_pieces
 
 # Panel ends beside a corner, in edge lengths from it: they resolve the singularity to 2⁻¹⁶ of an edge. The distance of
 # each panel from the poles at the corner, relative to its length, is that of an edge from its poles.
@@ -28,6 +29,7 @@ TOWARDS_CORNER = 0.25 ** np.arange(1, 9)
 # Pieces of an edge that show its shape: in tests for self-crossings and narrow places, and where integration paths
 # leave Ω. With 2 rough curves take a third longer.
 PARTS = 4
+_ASIDE = 1e-9  # distance of one-sided derivatives from a corner
 Vertices = Complex[np.ndarray, " m"]
 LogScale = Float[np.ndarray, " m"]
 
@@ -71,6 +73,13 @@ class SplineBoundary:
         for power, row in zip(range(degree - 1, 0, -1), self.coefficients[1:-1], strict=True):
             value = value * h + power * row[piece]
         return np.asarray(value)
+
+    @property
+    def corner_angles(self) -> Float[np.ndarray, " c"]:
+        """Angles of the domain on the left at the corners, in radians."""
+        ends = self.parameters[:-1][self.corners]
+        before, after = (self.derivative(ends + side) for side in (-_ASIDE, _ASIDE))
+        return np.asarray(np.pi - np.angle(after / before))
 
     def _places(self, t: Float[np.ndarray, "*pts"]) -> tuple[Float[np.ndarray, "*pts"], Int[np.ndarray, "*pts"]]:
         """The distances from the starts of the pieces, and the numbers of the pieces."""

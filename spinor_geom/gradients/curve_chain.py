@@ -25,11 +25,11 @@ from spinor_geom.mesh.interpolation import (
     EQUAL,
     RIDGE,
     ends_of_lines,
-    gauss_nodes,
     piecewise_cubic,
     poisson_kernels,
     quintic_degrees,
 )
+from spinor_geom.mesh.piece_polynomials import gauss_nodes
 from spinor_geom.mesh.spacing import are_long
 
 

@@ -11,7 +11,8 @@ from jaxtyping import Complex, Float
 from spinor_geom.arrays import modulo_one, shifted
 from spinor_geom.domain.plane_domain import FourierBoundary, panel_breaks
 from spinor_geom.domain.quadrature import Panels, rule
-from spinor_geom.mesh.interpolation import ANALYTIC_DEGREE, EQUAL
+from spinor_geom.mesh.interpolation import EQUAL
+from spinor_geom.mesh.piece_polynomials import ANALYTIC_DEGREE
 from spinor_geom.plateau.harmonic.douglas import resampled
 from spinor_geom.plateau.rim_match import RimMatch
 from spinor_geom.plateau.solution import PlateauSolution

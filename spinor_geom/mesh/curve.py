@@ -17,17 +17,8 @@ from scipy.interpolate import CubicSpline, PPoly
 from spinor_geom.arrays import TINY, backwards, modulo_one, norm, shifted
 from spinor_geom.errors import CurveError
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, require_distinct_neighbours, straight_edges
-from spinor_geom.mesh.interpolation import (
-    CurveKind,
-    Pieces,
-    between_corners,
-    gauss_nodes,
-    piece_places,
-    quintic_curve,
-    reversed_pieces,
-    smooth_curves,
-    through,
-)
+from spinor_geom.mesh.interpolation import CurveKind, Pieces, between_corners, quintic_curve, smooth_curves
+from spinor_geom.mesh.piece_polynomials import gauss_nodes, piece_places, reversed_pieces, through
 
 LENGTH_NODES = 16
 SAMPLES_PER_PIECE = 8

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import BSpline
 
-from spinor_geom.mesh.interpolation import gauss_nodes
+from spinor_geom.mesh.piece_polynomials import gauss_nodes
 
 _MORE_NODES = 16  # Gauss nodes above the degree: areas of rational patches are then exact to rounding
 _AT_ONCE = 1 << 20  # points of a patch that are evaluated together. All of a large patch need gigabytes

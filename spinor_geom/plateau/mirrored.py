@@ -25,8 +25,8 @@ from spinor_geom.errors import OptionError, SurfaceError
 from spinor_geom.mesh.array_checks import frozen
 from spinor_geom.mesh.boundary_loop import BoundaryLoop, diagonals
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.mesh.interpolation import ANALYTIC_DEGREE, piece_places, through
 from spinor_geom.mesh.open_curve import OpenCurve
+from spinor_geom.mesh.piece_polynomials import ANALYTIC_DEGREE, piece_places, through
 from spinor_geom.plateau.evidence import Evidence
 from spinor_geom.plateau.newton import SMALL, STEPS_TO_ROUNDING
 from spinor_geom.plateau.rim_match import RimMatch

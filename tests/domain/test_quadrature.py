@@ -9,7 +9,7 @@ from numpy.polynomial import polynomial as poly
 from spinor_geom.domain.plane_domain import PlaneDomain
 from spinor_geom.domain.quadrature import cumulative_matrix, rule
 from spinor_geom.errors import OptionError
-from spinor_geom.mesh.interpolation import gauss_nodes
+from spinor_geom.mesh.piece_polynomials import gauss_nodes
 
 
 def error(name, n):

@@ -22,7 +22,7 @@ from spinor_geom.holomorphic.circular_domain import CircularDomain
 from spinor_geom.holomorphic.interpolant import CauchyInterpolant
 from spinor_geom.holomorphic.laurent import ROUND_OFF, LaurentSeries, parts_on_circles, sums_on_circles
 from spinor_geom.holomorphic.series import PowerSeries, power_table
-from spinor_geom.mesh.interpolation import ANALYTIC_DEGREE
+from spinor_geom.mesh.piece_polynomials import ANALYTIC_DEGREE
 from spinor_geom.plateau.harmonic.dirichlet import CirclesForm, DirichletForm, derivative
 from spinor_geom.surface.formulas import phi
 from spinor_geom.surface.frames import signs_close_up, spinors_from_phi

@@ -19,7 +19,6 @@ from spinor_geom.errors import DomainError
 from spinor_geom.plateau.network.discretisation import Discretisation, interpolate_matching
 from spinor_geom.plateau.network.gauss_newton import Fit
 
-_ASIDE = 1e-9  # distance of one-sided derivatives from a corner
 _LEAST = 0.1  # ratio |p/q|² at a corner, in its frame, where the power law is measured
 
 
@@ -92,6 +91,7 @@ def opened(
 def _tips(stage: Discretisation, fit: Fit) -> list[_Tip]:
     """The corners where the normal is reversed, by the power law on both sides."""
     boundary, put = stage.domain.boundary, place_of(fit.readout).put
+    assert isinstance(boundary, SplineBoundary)  # around flattened surfaces
     arriving, leaving = (
         to_numpy(stage.curves[0].point_and_derivative(put((stage.corners[0] + side) % 1.0))[1])
         for side in (-(EPS**0.5), EPS**0.5)
@@ -101,8 +101,7 @@ def _tips(stage: Discretisation, fit: Fit) -> list[_Tip]:
     angles = 1 - np.arctan2(sines, (arriving * leaving).sum(axis=1)) / np.pi
     ends = boundary.parameters[:-1][boundary.corners]
     corners = boundary.point(ends)
-    before, after = (boundary.derivative((ends + side) % 1.0) for side in (-_ASIDE, _ASIDE))
-    own, lengths = 1 - np.angle(after / before) / np.pi, np.diff(np.append(ends, ends[0] + 1))
+    own, lengths = boundary.corner_angles / np.pi, np.diff(np.append(ends, ends[0] + 1))
     spinors = to_numpy(stage.problem.features[: stage.problem.nodes] @ fit.readout)
     found = []
     for number, (x, y, z) in enumerate(normals / np.maximum(sines, EPS)[:, None]):

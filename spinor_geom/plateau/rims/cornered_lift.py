@@ -26,7 +26,7 @@ from spinor_geom.holomorphic.arnoldi import arnoldi_hessenberg
 from spinor_geom.holomorphic.cauchy import CauchyNetwork, raw_features
 from spinor_geom.holomorphic.poles import Poles
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.mesh.interpolation import ANALYTIC_DEGREE
+from spinor_geom.mesh.piece_polynomials import ANALYTIC_DEGREE
 from spinor_geom.plateau.curve_tensors import CurveTensors
 from spinor_geom.plateau.harmonic.lifted_surface import TURN_OF_AN_EDGE
 from spinor_geom.plateau.harmonic.smooth_domain import COARSE

@@ -28,7 +28,7 @@ from spinor_geom.domain.triangulation import PlaneTriangulation
 from spinor_geom.errors import DomainError, OutOfTimeError, SurfaceError
 from spinor_geom.holomorphic.poles import polygon_poles
 from spinor_geom.mesh.curve import BoundaryCurve
-from spinor_geom.mesh.interpolation import piece_places, through
+from spinor_geom.mesh.piece_polynomials import piece_places, through
 from spinor_geom.plateau.initial_spinors import lifted_spinors
 from spinor_geom.plateau.misfit import Misfit
 from spinor_geom.plateau.problem import PlateauProblem, Route
