@@ -19,11 +19,12 @@ from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import zpstrf
 
 from spinor_geom.arrays import EPS, NUMPY, Place, cis, norm, square
+from spinor_geom.deadline import require_time
 from spinor_geom.domain.plane_domain import TOWARDS_CORNER, PlaneDomain, SplineBoundary, panel_breaks
 from spinor_geom.domain.quadrature import Panels, path_to
 from spinor_geom.errors import SurfaceError
 from spinor_geom.holomorphic.arnoldi import arnoldi_hessenberg
-from spinor_geom.holomorphic.cauchy import CauchyNetwork, raw_features
+from spinor_geom.holomorphic.cauchy import FACTOR_SECONDS, CauchyNetwork, raw_features
 from spinor_geom.holomorphic.poles import Poles
 from spinor_geom.mesh.curve import BoundaryCurve
 from spinor_geom.mesh.piece_polynomials import ANALYTIC_DEGREE
@@ -185,6 +186,8 @@ class CorneredLift:
     @cached_property
     def _normal_equations(self) -> tuple[Complex[np.ndarray, "r r"], Int[np.ndarray, " r"], Float[np.ndarray, " f"]]:
         """The Cholesky factor of the features that are kept, their numbers, and the sizes of all features."""
+        rows, columns = self.at_nodes.shape
+        require_time(FACTOR_SECONDS * rows * columns**2)
         gram = self._weighted @ self.at_nodes
         size = np.sqrt(np.diag(gram).real)
         factor, order, rank, _ = zpstrf(gram / size / size[:, None], tol=ROUNDING, lower=1)

@@ -94,6 +94,7 @@ def _lower(here: CorneredSurface, step: Float[np.ndarray, " k"]) -> tuple[Corner
     """The surface after the longest part of a step that lowers the energy, or None, and the length of that part."""
     length = 1.0
     while length > SMALL**0.5:
+        require_time()
         there = here.stepped(length * step)
         if there is not None and there.energy < here.energy * (1 + ROUNDING):
             return there, length
